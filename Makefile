@@ -19,7 +19,7 @@ PROFILE ?=
 WHEEL ?=
 NEWEST_DRIVER := CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER=$(CURDIR)/scripts/on-newest-driver
 
-.PHONY: setup check wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve cases hunt clean
+.PHONY: setup check deny wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve cases hunt clean
 
 setup:
 	@$(TIMED) set-up scripts/setup
@@ -37,6 +37,11 @@ check-rust: setup
 check-python: setup
 	$(PYTHON) -m ruff check addon blend_tests examples tests rust/python scripts
 	$(PYTHON) -m mypy
+
+# Licences, sources and advisories of all crates (deny.toml). Advisories come over the network, so that CI leaves it out.
+deny:
+	@cargo deny --version >/dev/null 2>&1 || { echo "make deny: cargo-deny is not installed: cargo install cargo-deny --locked" >&2; exit 1; }
+	cargo deny check
 
 wheel: setup
 	@$(TIMED) wheel scripts/build-wheel "$(WHEELS)" $(WHEEL)
@@ -107,6 +112,7 @@ quality: wheel
 bench: wheel
 	@scripts/setup peers
 	@scripts/install-wheel "$(WHEELS)" 4.2
+	$(CARGO) build --release -p relume-bench
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/run.py --peers $(CURDIR)/.venv-peers/bin/python $(BENCH)
 
 # Lights found again, against the paper's and Mitsuba's; SOLVE="--table 3 --scenes cornell_box --runs 1" for less.

@@ -1,8 +1,10 @@
 //! The program on whatever GPU there is, and where there is none.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
-use common::{failure, one_error, relume, trace_room};
+use common::{one_error, relume, trace_room};
 use relume_session::image::{Image, read_exr};
 use std::path::Path;
 use std::process::Command;
@@ -84,51 +86,4 @@ fn without_a_vulkan_loader_it_is_so_too() {
     check_without_gpu(folder.path(), |command| {
         command.env("LD_LIBRARY_PATH", &path);
     });
-}
-
-/// Names of the figures in a file of `relume bench`.
-fn figures(path: &Path) -> Vec<String> {
-    let records: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
-    let name = |record: &serde_json::Value| record["name"].as_str().expect("a name").to_owned();
-    records.as_array().expect("records").iter().map(name).collect()
-}
-
-#[test]
-fn figures_of_a_benchmark_are_kept_beside_others_or_not() {
-    let folder = tempfile::tempdir().unwrap();
-    let bench = |options: &str| {
-        let mut command = relume(folder.path(), &format!("bench --trial --out bench.json {options}"));
-        let output = command.env("XDG_RUNTIME_DIR", folder.path()).output().expect("the program starts");
-        assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
-        (String::from_utf8(output.stdout).unwrap(), figures(&folder.path().join("bench.json")))
-    };
-    let traced = ["trial: trace, closed box, paths", "trial: trace, closed box, segments"];
-    let solved = ["trial: one light solved, 5 steps on 1 % of 40 x 30 pixels"];
-    let (lines, kept) = bench("--device cpu --part tracer");
-    assert_eq!(kept, traced);
-    assert!(lines.lines().count() == 2 && lines.contains("segments/s"), "{lines}");
-    assert_eq!(bench("--device gpu --part light --add").1, [&traced[..], &solved].concat());
-    // A figure that is measured again takes the place of the one before.
-    let again = bench("--device cpu --part tracer --add").1;
-    assert_eq!(again, [&solved[..], &traced].concat());
-    assert_eq!(bench("--device gpu --part light").1, solved);
-}
-
-#[test]
-fn wrong_words_for_a_benchmark_are_answered_with_the_right_ones() {
-    let folder = tempfile::tempdir().unwrap();
-    let fails = |options: &str, words: &[&str]| {
-        let message = failure(folder.path(), &format!("bench --trial {options}"));
-        assert!(words.iter().all(|word| message.contains(word)), "{options}: {message}");
-    };
-    fails("--device cpu --part light", &["no part light", "tracer, gather, networks"]);
-    fails("--device gpu --part tracer", &["no part tracer", "device, first-picture", "light"]);
-    fails("--device Nonesuch", &["Nonesuch"]);
-    std::fs::write(folder.path().join("notes.json"), "{ \"notes\": 1 }").unwrap();
-    let keeping = "--device cpu --part tracer --out notes.json --add";
-    fails(keeping, &["notes.json", "no records of a benchmark", "--add"]);
-    assert!(std::fs::read_to_string(folder.path().join("notes.json")).unwrap().contains("notes"));
-    let output = relume(folder.path(), "bench --trial --add").output().expect("the program starts");
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success() && message.contains("--out"), "{message}");
 }

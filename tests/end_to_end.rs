@@ -1,5 +1,7 @@
 //! From an OBJ file to a relit picture, and from a picture to the light that made it.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{contents, data, failure, result, run, trace_room};

@@ -1,5 +1,7 @@
 //! `relume optimise --request`: pictures and masks in files, several views.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{data, failure, result, trace_room};

@@ -1,5 +1,7 @@
 //! Interrupted work goes on where it stopped and ends as if it had never been interrupted.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{contents, program, relume, result, room, trace_room};

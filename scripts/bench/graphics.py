@@ -16,8 +16,8 @@ from markdown import rows
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "docs/bench"
-GOALS = json.loads((ROOT / "rust/session/src/bench/goals.json").read_text())
-"""What an H200 is to reach, beside the paper's figures; `relume bench` puts the same beside its records."""
+GOALS = json.loads((ROOT / "rust/bench/src/goals.json").read_text())
+"""What an H200 is to reach, beside the paper's figures; `relume-bench` puts the same beside its records."""
 QUALITY = {"psnr": "dB", "smape": "", "ssim": "", "flip": ""}
 """Measures of the paper's table 2, and units."""
 TESTS_UNFINISHED = 3

@@ -13,6 +13,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
+PROGRAM = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release/relume-bench"
+"""Built by `make bench`, which also sets `OIDN_DIR`."""
 SCENES = Path(os.environ.get("RELUME_SCENES", ROOT.parent / "shared/scenes"))
 BOUNCES, FEW, MANY, MOST = 6, 16, 64, 256
 NETWORKS = ("64/4", "128/8", "256/8")
@@ -38,8 +40,9 @@ def last_json(*words, **environment):
 
 
 def kernels():
-    """Gather, networks and the closed box, from the program's own bench."""
-    return last_json(sys.executable, "-m", "relume", "--json", "--device", "cpu", "bench")[-1]["records"]
+    """Tracer, gather and networks, from `relume-bench`."""
+    libraries = f"{os.environ['OIDN_DIR']}/lib"
+    return last_json(PROGRAM, "--json", "--quiet", "--device", "cpu", LD_LIBRARY_PATH=libraries)[-1]["records"]
 
 
 def networks(peers, records):

@@ -29,8 +29,8 @@ pub struct Global {
     /// Seed of all random numbers; default is that of the scene file, or else 0.
     #[arg(long, global = true)]
     pub seed: Option<u64>,
-    /// Where to compute: auto (the best graphics card, else the CPU), cpu, gpu, or what `relume devices` prints: a part of a
-    /// name, or, for one of two cards of a name, the place that it is at. Tracing is always done on the CPU.
+    /// Device: auto (the best graphics card, else the CPU), cpu, gpu, or a name that `relume devices` prints, or a part
+    /// of it. The place that it is at tells two cards of a name apart. Tracing is always done on the CPU.
     #[arg(long, global = true, default_value = "auto")]
     pub device: Device,
     /// Most GPU memory to use, MiB; default is what the driver says, less some for others. What does not fit is streamed.
@@ -58,8 +58,6 @@ pub enum Command {
     Validate(PathArgs),
     /// List the GPUs that --device can name.
     Devices,
-    /// Measure the speed of tracer, gather and networks on the CPU, or of what there is of that on a GPU.
-    Bench(BenchArgs),
 }
 
 #[derive(Args, Debug)]
@@ -81,17 +79,17 @@ pub struct TraceArgs {
     /// Edge of the image tiles, pixels.
     #[arg(long, default_value_t = 64)]
     pub tile: usize,
-    /// Light set to keep with the bake as the scene's own; its paths look for those lights.
+    /// Light set to keep with the bake as the scene's own; its paths are guided towards those lights.
     #[arg(long)]
     pub lights: Option<PathBuf>,
-    /// Light set that paths look for besides, such as what `optimise` has found.
+    /// Light set that paths are guided towards as well, such as an answer of `optimise`.
     #[arg(long)]
     pub towards: Option<PathBuf>,
     #[command(flatten)]
     pub view: ViewArgs,
 }
 
-/// What a scene file says, and an OBJ file does not.
+/// View and settings that a scene file has, and an OBJ file lacks.
 #[derive(Args, Debug, Default, PartialEq)]
 #[command(next_help_heading = "Of OBJ files alone")]
 pub struct ViewArgs {
@@ -144,7 +142,7 @@ fn three() -> String {
     "give three numbers like 0,-2.5,1".into()
 }
 
-/// Where pictures go, and how.
+/// Output of pictures.
 #[derive(Args, Debug)]
 pub struct PictureArgs {
     /// Multi-layer EXR to write; the PNG goes beside it.
@@ -185,14 +183,14 @@ pub struct GatherArgs {
 pub struct RelightArgs {
     /// Bake folder, or a folder of proxies.
     pub bake: PathBuf,
-    /// What makes each light's picture.
+    /// Source of each light's picture.
     #[arg(long = "with", value_name = "WITH", value_enum, default_value = "auto")]
     pub method: Method,
     #[command(flatten)]
     pub picture: PictureArgs,
 }
 
-/// What makes a light's picture.
+/// Source of a light's picture.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Method {
     /// Whichever has the lower measured error for this type of light.
@@ -236,7 +234,7 @@ pub struct TrainArgs {
     /// lights.
     #[arg(long)]
     pub size_max: Option<f32>,
-    /// Where training lights are put.
+    /// Placement of training lights.
     #[arg(long, value_enum, default_value = "segments")]
     pub placement: Placement,
     /// Draw targets from a pool of so many denoised pictures (300 in the paper) instead of gathering each by itself.
@@ -292,12 +290,12 @@ pub enum Network {
     Reference,
 }
 
-/// Where training lights are put.
+/// Placement of training lights.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Placement {
-    /// On random path segments.
+    /// Random path segments.
     Segments,
-    /// In the box of all visible positions.
+    /// Box of all visible positions.
     Bounds,
 }
 
@@ -306,17 +304,17 @@ pub struct OptimiseArgs {
     /// Bake folders, or folders of proxies: one for each view of the scene.
     #[arg(required = true)]
     pub bakes: Vec<PathBuf>,
-    /// What to solve: lights, what may change, goals (JSON; pictures by paths relative to it). Without lights in it,
-    /// those of the bake.
+    /// Request (JSON): lights, free parameters, goals; pictures by paths relative to it. Without lights in it, those of
+    /// the bake.
     #[arg(long, conflicts_with_all = ["target", "lights", "count"], required_unless_present = "target")]
     pub request: Option<PathBuf>,
-    /// In short: picture to match, EXR (scene-linear) or PNG (sRGB), of the bake's aspect.
+    /// Short form: picture to match, EXR (scene-linear) or PNG (sRGB), of the bake's aspect.
     #[arg(long)]
     pub target: Option<PathBuf>,
-    /// In short: light set to start from; all of its lights are solved.
+    /// Short form: light set to start from; all of its lights are solved.
     #[arg(long)]
     pub lights: Option<PathBuf>,
-    /// In short: lights to find, if no light set is given.
+    /// Short form: number of lights to find, if no light set is given.
     #[arg(long, default_value_t = 1)]
     pub count: usize,
     /// Starts, of which the best is kept.
@@ -331,7 +329,7 @@ pub struct OptimiseArgs {
     /// Most steps on gathered pictures afterwards, which take out the proxy's error; needs the bake.
     #[arg(long, default_value_t = 16)]
     pub polish: usize,
-    /// Light set of an earlier answer, which is polished instead of searching anew: by a bake whose paths look for it.
+    /// Light set of an earlier answer, which is polished instead of searching anew: by a bake guided towards it.
     #[arg(long)]
     pub from: Option<PathBuf>,
     /// Keep positions and directions as they are.
@@ -352,22 +350,6 @@ pub struct OptimiseArgs {
 pub struct PathArgs {
     /// Bake folder, proxy, light set or scene file.
     pub path: PathBuf,
-}
-
-#[derive(Args, Debug)]
-pub struct BenchArgs {
-    /// JSON file to write: a list of flat records. It is written anew after each part.
-    #[arg(long, short)]
-    pub out: Option<PathBuf>,
-    /// Measure this part alone; can be given several times. Without it, all parts; a name that there is not lists them.
-    #[arg(long)]
-    pub part: Vec<String>,
-    /// Measure as little as there can be, in seconds, to see that everything runs: figures called `trial: ...`, which say nothing.
-    #[arg(long)]
-    pub trial: bool,
-    /// Keep what the JSON file holds of other figures.
-    #[arg(long, requires = "out")]
-    pub add: bool,
 }
 
 #[cfg(test)]

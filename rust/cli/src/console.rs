@@ -1,4 +1,4 @@
-//! What the user sees: progress and warnings on standard error, results on standard output; with `--json` all as one
+//! Output for the user: progress and warnings on standard error, results on standard output. With `--json` all is one
 //! JSON object a line on standard output, `{"event": "progress" | "warning" | "result" | "error", ...}`.
 
 use relume_session::{Listener, Progress};
@@ -8,7 +8,7 @@ use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// How much is said, and in what form.
+/// Amount and form of the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Style {
     /// JSON lines.
@@ -65,8 +65,8 @@ impl Console {
         }
     }
 
-    /// Whether it is time for another report: each stage's first and last, and a few a second (a line every
-    /// 5 seconds in log files).
+    /// True if another report is due: each stage's first and last, and a few a second (a line every 5 seconds in log
+    /// files).
     fn due(&self, progress: &Progress) -> bool {
         let pause = Duration::from_millis(if self.terminal || self.style.json { 200 } else { 5000 });
         let mut last = self.last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -149,7 +149,7 @@ fn print_json<T: Serialize>(event: &str, value: &T) {
     }
 }
 
-/// As `println!`, but a closed pipe is no panic.
+/// Prints a line; a closed pipe is no panic.
 fn say(text: &str) {
     let _ = writeln!(std::io::stdout(), "{text}");
 }

@@ -41,7 +41,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
 /// Progress and warnings go to `monitor`, which can also stop it.
 ///
 /// # Errors
-/// What the command line would print, in one line.
+/// Error message of the command line, in one line.
 pub fn run_captured(args: impl IntoIterator<Item = OsString>, monitor: &Monitor) -> anyhow::Result<Value> {
     let args = std::iter::once(OsString::from("relume")).chain(args);
     let cli = Cli::try_parse_from(args).map_err(|error| anyhow::anyhow!(one_line(&error)))?;
@@ -76,7 +76,6 @@ fn command(command: Command, context: &commands::Context) -> anyhow::Result<()> 
         Command::Info(args) => commands::info(&args, context),
         Command::Validate(args) => commands::validate(&args, context),
         Command::Devices => commands::devices(context.console),
-        Command::Bench(args) => commands::bench(&args, context),
     }
 }
 

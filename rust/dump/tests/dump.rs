@@ -1,5 +1,7 @@
 //! Round trips, resuming, and hostile input.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 use std::fs;
 use std::path::Path;
 

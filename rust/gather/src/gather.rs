@@ -131,7 +131,7 @@ impl Gather {
     }
 
     /// Unit values of a tile, light by light, then pixel by pixel.
-    pub(crate) fn tile(&self, tile: usize, lights: &[PreparedLight], half: SampleSplit) -> Vec<[f32; 3]> {
+    pub fn tile(&self, tile: usize, lights: &[PreparedLight], half: SampleSplit) -> Vec<[f32; 3]> {
         let pixels = self.dump.manifest().tile_rect(tile).pixel_count();
         let mut sums = vec![[0.0; 3]; lights.len() * pixels];
         let mut work = Work::default();

@@ -10,7 +10,6 @@
 //! beyond a side of its box (`cull_avx2`). What remains is evaluated exactly (`light`). Throughputs are read for hits
 //! only.
 
-pub mod bench;
 #[cfg(target_arch = "x86_64")]
 mod cull_avx2;
 #[cfg(target_arch = "x86_64")]
@@ -33,7 +32,7 @@ pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, 
 pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, Scratch};
-pub use gpu::{Goals, GpuGather, GpuLight, GpuLights, Receivers, SoftCompared};
+pub use gpu::{Goals, GpuGather, GpuLight, GpuLights, GpuWorld, Receivers, SoftCompared};
 pub use kernel::Isa;
 pub use light::PreparedLight;
 pub use relight::{Noise, relight};

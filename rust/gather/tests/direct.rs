@@ -2,6 +2,8 @@
 //! scene; then the same mesh is black, paths are dumped, and a virtual light of its shape is added up. Both traces
 //! take the same random numbers, so their paths are the same, and pixels may differ by packing alone.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 use glam::{Affine3A, Quat, Vec2, Vec3};
 use relume_dump::{Dump, MemoryWriter};
 use relume_gather::{Gather, SampleSplit, SoftGather};

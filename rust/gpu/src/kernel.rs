@@ -58,7 +58,8 @@ impl Gpu {
         Ok(known().entry(key).or_insert(kernel).clone())
     }
 
-    /// Compiles an entry point of a text that is not of `shaders/`: for tests that stand in for what a device lacks.
+    /// Compiles an entry point of a text that is not of `shaders/`, each time anew: for benchmarks, and for tests that stand in for
+    /// what a device lacks.
     ///
     /// # Errors
     /// If the driver refuses it, or the device was lost.

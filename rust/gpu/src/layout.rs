@@ -213,13 +213,15 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "Broken and Arguments of peak.wgsl")]
+    #[should_panic(expected = "Broken and Arguments of common/mean.wgsl")]
     fn a_mirror_of_whole_numbers_for_floats_is_not_taken() {
         #[repr(C)]
         struct Broken {
-            factor: [u32; 2],
+            values: u32,
+            share: u32,
+            scale: f32,
         }
-        assert_mirror!(Broken as "peak", "Arguments", { factor });
+        assert_mirror!(Broken as "common/mean", "Arguments", { values, share, scale });
     }
 
     #[test]

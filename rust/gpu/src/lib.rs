@@ -26,14 +26,12 @@ mod commands;
 pub mod compare;
 mod device;
 mod error;
-mod figure;
 mod image;
 mod kernel;
 pub mod layout;
 mod matrices;
 mod memory;
 pub mod modules;
-mod peak;
 mod properties;
 mod timer;
 
@@ -42,11 +40,9 @@ pub use choice::{AdapterSummary, GpuChoice, adapters};
 pub use commands::{Commands, Submission, fold};
 pub use device::{Gpu, Limits};
 pub use error::GpuError;
-pub use figure::{Figure, Limit, LimitedBy};
 pub use image::GpuImage;
 pub use kernel::{Bound, Checks, Kernel};
 pub use matrices::Matrices;
-pub use peak::{Costs, Peaks, best_of_rounds};
 pub use properties::Property;
 pub use timer::Timer;
 

@@ -37,7 +37,6 @@ files![
     "gather/images",
     "gather/light",
     "gather/numbers",
-    "gather/paper",
     "gather/pixel",
     "gather/records",
     "gather/row",
@@ -46,10 +45,6 @@ files![
     "gather/soft",
     "gather/targets",
     "gather/world",
-    "peak",
-    "peak_half",
-    "peak_matrices",
-    "peak_read",
     "proxy/block",
     "proxy/collect",
     "proxy/features",
@@ -89,9 +84,17 @@ files![
 /// # Errors
 /// If there is no such file or constant.
 pub fn compose(name: &str, constants: &[(&str, u32)]) -> Result<String, GpuError> {
-    let fail = |reason: String| GpuError::Shader { module: name.to_owned(), reason };
+    compose_text(embedded_file(name).map_err(|reason| shader_error(name, reason))?, constants)
+}
+
+/// The text of a module whose own file, a name and a text, is none of [`FILES`]; what it uses is.
+///
+/// # Errors
+/// If there is no such constant, or no file that it uses.
+pub fn compose_text((name, text): (&str, &str), constants: &[(&str, u32)]) -> Result<String, GpuError> {
+    let fail = |reason: String| shader_error(name, reason);
     let mut files = Vec::new();
-    collect(name, constants, &mut files).map_err(fail)?;
+    collect((name, text), constants, &mut files).map_err(fail)?;
     let mut declared = Vec::new();
     for (_, text) in &files {
         for line in directives(text, "constant") {
@@ -125,28 +128,35 @@ pub fn compose(name: &str, constants: &[(&str, u32)]) -> Result<String, GpuError
 }
 
 /// A file and all that it uses, each once, what is used first.
-fn collect(
-    name: &str,
+fn collect<'a>(
+    (name, text): (&'a str, &'a str),
     constants: &[(&str, u32)],
-    files: &mut Vec<(&'static str, &'static str)>,
+    files: &mut Vec<(&'a str, &'a str)>,
 ) -> Result<(), String> {
     if files.iter().any(|(known, _)| *known == name) {
         return Ok(());
     }
-    let file = FILES.iter().find(|(known, _)| *known == name);
-    let &(name, text) = file.ok_or_else(|| format!("there is no file {name}.wgsl"))?;
     for line in directives(text, "choose") {
         let mut words = line.split(' ');
         let constant = words.next();
         let set = constants.iter().find(|(name, _)| Some(*name) == constant).map_or(0, |(_, value)| *value);
         let chosen = words.nth(set as usize).ok_or_else(|| format!("'{line}' has no choice {set}"))?;
-        collect(chosen, constants, files)?;
+        collect(embedded_file(chosen)?, constants, files)?;
     }
     for used in directives(text, "use") {
-        collect(used, constants, files)?;
+        collect(embedded_file(used)?, constants, files)?;
     }
     files.push((name, text));
     Ok(())
+}
+
+fn embedded_file(name: &str) -> Result<(&'static str, &'static str), String> {
+    let file = FILES.iter().find(|(known, _)| *known == name);
+    file.copied().ok_or_else(|| format!("there is no file {name}.wgsl"))
+}
+
+fn shader_error(module: &str, reason: String) -> GpuError {
+    GpuError::Shader { module: module.to_owned(), reason }
 }
 
 /// Texts that follow `// <word>:` on the lines of a file.
@@ -160,15 +170,26 @@ fn directives<'a>(text: &'a str, word: &str) -> impl Iterator<Item = &'a str> {
 /// # Errors
 /// Errors of the compiler.
 pub fn validate(name: &str, constants: &[(&str, u32)]) -> Result<naga::Module, GpuError> {
-    let fail = |reason: String| GpuError::Shader { module: name.to_owned(), reason };
-    let text = compose(name, constants)?;
+    validate_composed(name, &compose(name, constants)?)
+}
+
+/// [`validate`] of a module that [`compose_text`] puts together.
+///
+/// # Errors
+/// Errors of the compiler.
+pub fn validate_text(file: (&str, &str), constants: &[(&str, u32)]) -> Result<naga::Module, GpuError> {
+    validate_composed(file.0, &compose_text(file, constants)?)
+}
+
+fn validate_composed(name: &str, text: &str) -> Result<naga::Module, GpuError> {
+    let fail = |reason: String| shader_error(name, reason);
     let capabilities = naga::valid::Capabilities::all();
     let mut frontend = naga::front::wgsl::Frontend::new_with_options(naga::front::wgsl::Options {
         capabilities,
         ..naga::front::wgsl::Options::new()
     });
-    let module = frontend.parse(&text).map_err(|error| fail(error.emit_to_string(&text)))?;
+    let module = frontend.parse(text).map_err(|error| fail(error.emit_to_string(text)))?;
     let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities);
-    validator.validate(&module).map_err(|error| fail(error.emit_to_string(&text)))?;
+    validator.validate(&module).map_err(|error| fail(error.emit_to_string(text)))?;
     Ok(module)
 }

@@ -1,5 +1,7 @@
 //! Multi-layer EXR files: what is written is read, in Blender's names, from one part and from several.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 use relume_image::{Image, Layer, LayeredImage, Precision, read_exr, read_picture, write_exr};
 
 fn gradient(channels: usize, scale: f32) -> Image {

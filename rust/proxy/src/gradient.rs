@@ -15,17 +15,17 @@ const REDUCTION_BLOCK: usize = 8192;
 /// The samples of a training step: a whole number of chunks. Tile `group * slots + slot` holds the 32 pixels of its
 /// group under one light.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Batch {
+pub struct Batch {
     /// 32 pixels of each group.
-    pub pixels: Vec<u32>,
+    pub(crate) pixels: Vec<u32>,
     /// Lights for which each group is seen, a divisor of 32.
-    pub slots: usize,
+    pub(crate) slots: usize,
     /// One light a tile.
-    pub lights: Vec<LightParams>,
+    pub(crate) lights: Vec<LightParams>,
     /// Targets in units of the network's output, tiles of three rows.
-    pub targets: Vec<f32>,
+    pub(crate) targets: Vec<f32>,
     /// Weight of each tile in the loss, 1 for a middling light.
-    pub weights: Vec<f32>,
+    pub(crate) weights: Vec<f32>,
 }
 
 /// Buffers for the gradient of a batch.

@@ -209,34 +209,26 @@ impl Head {
             }
             gradients.swap(0, 1);
         }
-        let d = &mut gradients[0][..tiles * size];
         match &mut grads {
             Some((layout, grads)) => {
                 let range = layout.tensors[self.features].range();
                 let features = &scratch.features[..tiles * FEATURES * LANES];
+                let d = &gradients[0][..tiles * size];
                 add_weight_gradient(isa, d, features, width, FEATURES, transposed, &mut grads[range]);
             }
             None => {
-                let d = tile_of(d, width, 0);
-                dense(
-                    isa,
-                    &packed.features.backward,
-                    Start::Zero,
-                    d,
-                    &mut scratch.d_features,
-                    Finish::Linear,
-                );
+                let d = tile_of(&gradients[0], width, 0);
+                let d_features = &mut scratch.d_features;
+                dense(isa, &packed.features.backward, Start::Zero, d, d_features, Finish::Linear);
             }
         }
-        for tile in 0..tiles {
+        let d = &mut gradients[0][..tiles * size];
+        for (tile, d) in d.chunks_exact_mut(size).enumerate() {
             scales.load(&modulations[tile * stride..], width, 0);
             let (d_scale, d_shift) = layer_of(&mut d_modulations[tile * stride..], width, 0);
-            let d = tile_of_mut(d, width, tile);
             modulate_backward(isa, trunk, scales, d, d_scale, d_shift);
             if let Some(d_trunk) = d_trunk.as_deref_mut() {
-                for (sum, d) in d_trunk.iter_mut().zip(d) {
-                    *sum += *d;
-                }
+                d_trunk.iter_mut().zip(d).for_each(|(sum, d)| *sum += *d);
             }
         }
     }

@@ -35,7 +35,6 @@
 //! Lengths are metres and unit images are for radiance 1: the caller multiplies by the light's radiance and factors.
 
 mod analytic;
-pub mod bench;
 mod checkpoint;
 mod config;
 mod encoding;
@@ -62,6 +61,7 @@ mod scene_cache;
 mod schedule;
 mod simd;
 mod snapshot;
+#[cfg(any(test, feature = "synthetic"))]
 pub mod synthetic;
 mod target;
 mod trainer;
@@ -71,6 +71,7 @@ pub use config::{GridConfig, LearningRates, LightPlacement, NetworkConfig, Targe
 pub use encoding::OutputScale;
 pub use error::ProxyError;
 pub use gpu::{GpuProxy, LightGradient, ProxyCompared, compare};
+pub use gradient::Batch;
 pub use light::{LightKind, LightParams, MAX_PARAMS, SizeRange, random_light};
 pub use pixels::PixelFeatures;
 pub use proxy::{Proxy, ProxyInfo, Scores};

@@ -1,4 +1,4 @@
-//! A small scene with closed formulas, for tests and for tuning without a dump: a chequered floor, a back wall and one
+//! A small scene with closed formulas, for tests and benchmarks: a chequered floor, a back wall and one
 //! ball that casts shadows, seen by a pinhole camera.
 
 use glam::Vec3;

@@ -7,7 +7,7 @@ use crate::gpu::train::DeviceCore;
 use crate::gradient::{Batch, GradientBuffers, batch_gradient};
 use crate::network::{Context, FastNetwork, Network, ReferenceNetwork};
 use crate::optim::Optimiser;
-use crate::params::ParamLayout;
+use crate::params::{ParamLayout, Role, Tensor};
 use crate::pool::{Pool, images_of};
 use crate::proxy::{ProxyInfo, Scores};
 use crate::replay::{BLOCK, Replay};
@@ -226,8 +226,12 @@ impl Trainer {
         }
     }
 
-    /// Moves the weights along the gradient of a batch.
-    pub(crate) fn descend(&mut self, batch: &Batch, done: f32) -> Result<f64, ProxyError> {
+    /// Moves the weights along the gradient of a batch, with the learning rates of a training of which this share is done, and
+    /// returns the loss.
+    ///
+    /// # Errors
+    /// [`ProxyError::Diverged`], with the weights as before.
+    pub fn descend(&mut self, batch: &Batch, done: f32) -> Result<f64, ProxyError> {
         let state = &mut self.state;
         let context = Context { isa: self.isa, scene: &self.scene, params: &state.params };
         let (loss, layout, gradient) = self.core.gradient(context, batch);
@@ -328,6 +332,19 @@ impl Trainer {
         self.core.layout()
     }
 
+    /// Sets the biases of the outputs. Most of what a network that has learned nothing puts out is cut off at zero, so that
+    /// its errors as shares of its largest value say little; with a bias above zero they do not.
+    ///
+    /// # Panics
+    /// If the training runs on a device.
+    pub fn set_output_bias(&mut self, value: f32) {
+        assert!(self.device.is_none(), "the weights are on a device");
+        let is_of_outputs = |tensor: &&Tensor| tensor.role == Role::Bias && tensor.cols == 3;
+        let biases = self.core.layout().tensors.iter().filter(is_of_outputs);
+        let ranges: Vec<_> = biases.map(|tensor| tensor.start..tensor.start + 3).collect();
+        ranges.into_iter().for_each(|range| self.state.params[range].fill(value));
+    }
+
     /// Multiply-adds of one sample in training (forward only) and in inference.
     pub fn multiply_adds(&self) -> (usize, usize) {
         let slots = self.config.lights_per_pixel;
@@ -349,11 +366,10 @@ impl Trainer {
     }
 
     /// A batch as the first step would draw it.
-    pub(crate) fn first_batch(
-        &mut self,
-        source: &dyn TargetSource,
-        samples: usize,
-    ) -> Result<Batch, ProxyError> {
+    ///
+    /// # Errors
+    /// The failure of the source.
+    pub fn first_batch(&mut self, source: &dyn TargetSource, samples: usize) -> Result<Batch, ProxyError> {
         while !self.gather(source, false)? {}
         let scale = self.calibrated(&self.sampler(), source)?;
         Ok(self.random_batch(&scale, samples))

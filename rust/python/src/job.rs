@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-/// What has happened since the last poll.
+/// Events since the last poll.
 #[derive(Default)]
 struct Reports {
     progress: Option<Progress>,
@@ -33,7 +33,7 @@ impl Listener for Inbox {
     }
 }
 
-/// Takes what there is so far, in JSON.
+/// Receives interim results, in JSON.
 pub type Show = dyn Fn(String) + Sync;
 
 type Outcome = Result<serde_json::Value, NativeError>;
@@ -43,7 +43,7 @@ type Outcome = Result<serde_json::Value, NativeError>;
 pub struct PyJob {
     inbox: Arc<Inbox>,
     cancel: Cancel,
-    /// What there is so far, in JSON, since it was last asked for.
+    /// Interim result in JSON, since it was last asked for.
     preview: Arc<Mutex<Option<String>>>,
     thread: Mutex<Option<JoinHandle<Outcome>>>,
 }
@@ -56,7 +56,7 @@ impl PyJob {
         Self::start_with_preview(move |monitor, _| work(monitor))
     }
 
-    /// As [`PyJob::start`]; `work` also shows what there is so far.
+    /// [`PyJob::start`] for `work` that also shows interim results.
     pub fn start_with_preview<E: Into<NativeError>>(
         work: impl FnOnce(&Monitor, &Show) -> Result<serde_json::Value, E> + Send + 'static,
     ) -> PyResult<Self> {

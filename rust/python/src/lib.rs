@@ -30,8 +30,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<scene::PyScene>()
 }
 
-/// Words for Windows' linker, which it reads in this section. maturin tells it to export the entry by the full name of the
-/// module and nothing else; Python looks for the entry by the last part of that name.
+/// Options for Windows' linker, read from this section. maturin exports the entry by the full name of the module alone;
+/// Python looks for it by the last part.
 #[cfg(all(windows, target_env = "gnu"))]
 #[used]
 #[unsafe(link_section = ".drectve")]

@@ -69,7 +69,7 @@ impl PyRelighter {
     fn rarely_met(&self, py: Python<'_>, lights: Option<&str>) -> PyResult<Vec<String>> {
         enter_native(py, || -> Result<_, NativeError> {
             let lights = self.lights(lights)?;
-            Ok(self.relighter.rarely_met(&lights).into_iter().map(|light| light.name.clone()).collect())
+            Ok(self.relighter.under_sampled(&lights).into_iter().map(|light| light.name.clone()).collect())
         })
     }
 

@@ -25,7 +25,7 @@ impl PyScene {
     }
 }
 
-/// Where the bytes of a texture are.
+/// Source of the bytes of a texture.
 #[derive(FromPyObject)]
 enum TextureFile<'py> {
     Packed(Bound<'py, PyBytes>),

@@ -6,7 +6,7 @@ use crate::job::PyJob;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
-use relume_session::{Device, Pictures, Relighter, SoFar, SolveRequest, in_background, solve_lights};
+use relume_session::{Device, InterimLights, Pictures, Relighter, SolveRequest, in_background, solve_lights};
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ pub fn solve(
             let open = |folder: &PathBuf| Ok(Relighter::open(folder)?.on(&compute));
             let relighters = folders.iter().map(open).collect::<Result<Vec<_>, NativeError>>()?;
             let views: Vec<&Relighter> = relighters.iter().collect();
-            let preview = |found: &SoFar| show(serde_json::to_string(found).unwrap_or_default());
+            let preview = |found: &InterimLights| show(serde_json::to_string(found).unwrap_or_default());
             Ok(serde_json::to_value(solve_lights(&views, &request, &pictures, monitor, &preview)?)?)
         })
     })

@@ -20,6 +20,7 @@ mod obj;
 mod picture_file;
 mod polygon;
 mod procedural;
+mod sockets;
 mod texture;
 mod validate;
 mod world;

@@ -1,251 +1,254 @@
+use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, Input, Interpolation, MapRangeKind, MappingKind,
     MathOp, MixData, NodeId, NormalSpace, Procedural, TexCoord, VectorMathOp,
 };
 
-/// A shader node. Fields carry Blender's socket names and units. A `normal` of `None` is the shading normal.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the sockets and properties of Blender's nodes of the same name")]
-#[expect(clippy::large_enum_variant, reason = "a scene has a few hundred nodes")]
-pub enum Node {
-    // Closures.
-    Principled {
-        base_color: Input,
-        metallic: Input,
-        roughness: Input,
-        diffuse_roughness: Input,
-        ior: Input,
-        alpha: Input,
-        normal: Option<Input>,
-        subsurface_weight: Input,
-        specular_ior_level: Input,
-        specular_tint: Input,
-        anisotropic: Input,
-        anisotropic_rotation: Input,
-        tangent: Option<Input>,
-        transmission_weight: Input,
-        coat_weight: Input,
-        coat_roughness: Input,
-        coat_ior: Input,
-        coat_tint: Input,
-        coat_normal: Option<Input>,
-        sheen_weight: Input,
-        sheen_roughness: Input,
-        sheen_tint: Input,
-        emission_color: Input,
-        emission_strength: Input,
-        distribution: Distribution,
-    },
-    Diffuse {
-        color: Input,
-        roughness: Input,
-        normal: Option<Input>,
-    },
-    /// The Diffuse BSDF of Blender 4.2, whose rough surfaces lose what is scattered more than once.
-    SingleScatteringDiffuse {
-        color: Input,
-        roughness: Input,
-        normal: Option<Input>,
-    },
-    Glossy {
-        color: Input,
-        roughness: Input,
-        anisotropy: Input,
-        rotation: Input,
-        normal: Option<Input>,
-        tangent: Option<Input>,
-        distribution: Distribution,
-    },
-    Glass {
-        color: Input,
-        roughness: Input,
-        ior: Input,
-        normal: Option<Input>,
-        distribution: Distribution,
-    },
-    Refraction {
-        color: Input,
-        roughness: Input,
-        ior: Input,
-        normal: Option<Input>,
-        distribution: Distribution,
-    },
-    Translucent {
-        color: Input,
-        normal: Option<Input>,
-    },
-    Transparent {
-        color: Input,
-    },
-    Emission {
-        color: Input,
-        strength: Input,
-    },
-    MixShader {
-        factor: Input,
-        a: Option<NodeId>,
-        b: Option<NodeId>,
-    },
-    AddShader {
-        a: Option<NodeId>,
-        b: Option<NodeId>,
-    },
-    // Textures and coordinates.
-    ImageTexture {
-        texture: usize,
-        vector: Option<Input>,
-        interpolation: Interpolation,
-        extension: Extension,
-    },
-    /// Procedural texture; in JSON `{"type": "procedural", "texture": "noise", ...}`.
-    Procedural(Procedural),
-    TextureCoordinate {
-        kind: TexCoord,
-    },
-    UvMap {
-        name: String,
-    },
-    ColorAttribute {
-        name: String,
-    },
-    /// A named attribute of any kind, or a UV map; black and opaque where a mesh lacks it.
-    Attribute {
-        name: String,
-    },
-    Mapping {
-        kind: MappingKind,
-        vector: Input,
-        location: Input,
-        rotation: Input,
-        scale: Input,
-    },
-    NormalMap {
-        space: NormalSpace,
-        uv_map: String,
-        strength: Input,
-        color: Input,
-    },
-    /// `filter_width` is the step of the finite differences in pixels: a socket in recent versions, 1 in Blender 4.2.
-    Bump {
-        invert: bool,
-        strength: Input,
-        distance: Input,
-        #[serde(default = "default_filter_width")]
-        filter_width: Input,
-        height: Input,
-        normal: Option<Input>,
-    },
-    /// A displacement as a vector in world space, whose height is in object or world space.
-    Displacement {
-        world_space: bool,
-        height: Input,
-        midlevel: Input,
-        scale: Input,
-        normal: Option<Input>,
-    },
-    // Colour and maths.
-    Mix {
-        data: MixData,
-        blend: BlendMode,
-        clamp_factor: bool,
-        clamp_result: bool,
-        factor: Input,
-        a: Input,
-        b: Input,
-    },
-    Math {
-        operation: MathOp,
-        clamp: bool,
-        a: Input,
-        b: Input,
-        c: Input,
-    },
-    VectorMath {
-        operation: VectorMathOp,
-        a: Input,
-        b: Input,
-        c: Input,
-        scale: Input,
-    },
-    MapRange {
-        interpolation: MapRangeKind,
-        clamp: bool,
-        /// A range of no width gives `to_min`, as from Blender 5.0 on, not 0.
-        #[serde(default)]
-        empty_gives_min: bool,
-        value: Input,
-        from_min: Input,
-        from_max: Input,
-        to_min: Input,
-        to_max: Input,
-        steps: Input,
-    },
-    Clamp {
-        range: bool,
-        value: Input,
-        min: Input,
-        max: Input,
-    },
-    ColorRamp {
-        factor: Input,
-        ramp: Curve,
-    },
-    RgbCurves {
-        factor: Input,
-        color: Input,
-        curves: Curve,
-    },
-    HueSaturation {
-        hue: Input,
-        saturation: Input,
-        value: Input,
-        factor: Input,
-        color: Input,
-    },
-    BrightContrast {
-        color: Input,
-        bright: Input,
-        contrast: Input,
-    },
-    Gamma {
-        color: Input,
-        gamma: Input,
-    },
-    Invert {
-        factor: Input,
-        color: Input,
-    },
-    /// RGB, HSV or HSL to x, y, z.
-    SeparateColor {
-        mode: ColorMode,
-        color: Input,
-    },
-    CombineColor {
-        mode: ColorMode,
-        a: Input,
-        b: Input,
-        c: Input,
-    },
-    SeparateXyz {
-        vector: Input,
-    },
-    CombineXyz {
-        x: Input,
-        y: Input,
-        z: Input,
-    },
-    // Geometry.
-    Fresnel {
-        ior: Input,
-        normal: Option<Input>,
-    },
-    LayerWeight {
-        blend: Input,
-        normal: Option<Input>,
-    },
-    Geometry,
-    ObjectInfo,
+with_sockets! {
+    /// A shader node. Fields carry Blender's socket names and units. A `normal` of `None` is the shading normal.
+    #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+    #[serde(tag = "type", rename_all = "snake_case")]
+    #[expect(missing_docs, reason = "the sockets and properties of Blender's nodes of the same name")]
+    #[expect(clippy::large_enum_variant, reason = "a scene has a few hundred nodes")]
+    pub enum Node {
+        // Closures.
+        Principled {
+            base_color: Input,
+            metallic: Input,
+            roughness: Input,
+            diffuse_roughness: Input,
+            ior: Input,
+            alpha: Input,
+            normal: Option<Input>,
+            subsurface_weight: Input,
+            specular_ior_level: Input,
+            specular_tint: Input,
+            anisotropic: Input,
+            anisotropic_rotation: Input,
+            tangent: Option<Input>,
+            transmission_weight: Input,
+            coat_weight: Input,
+            coat_roughness: Input,
+            coat_ior: Input,
+            coat_tint: Input,
+            coat_normal: Option<Input>,
+            sheen_weight: Input,
+            sheen_roughness: Input,
+            sheen_tint: Input,
+            emission_color: Input,
+            emission_strength: Input,
+            distribution: Distribution,
+        },
+        Diffuse {
+            color: Input,
+            roughness: Input,
+            normal: Option<Input>,
+        },
+        /// The Diffuse BSDF of Blender 4.2, whose rough surfaces lose what is scattered more than once.
+        SingleScatteringDiffuse {
+            color: Input,
+            roughness: Input,
+            normal: Option<Input>,
+        },
+        Glossy {
+            color: Input,
+            roughness: Input,
+            anisotropy: Input,
+            rotation: Input,
+            normal: Option<Input>,
+            tangent: Option<Input>,
+            distribution: Distribution,
+        },
+        Glass {
+            color: Input,
+            roughness: Input,
+            ior: Input,
+            normal: Option<Input>,
+            distribution: Distribution,
+        },
+        Refraction {
+            color: Input,
+            roughness: Input,
+            ior: Input,
+            normal: Option<Input>,
+            distribution: Distribution,
+        },
+        Translucent {
+            color: Input,
+            normal: Option<Input>,
+        },
+        Transparent {
+            color: Input,
+        },
+        Emission {
+            color: Input,
+            strength: Input,
+        },
+        MixShader {
+            factor: Input,
+            a: Option<NodeId>,
+            b: Option<NodeId>,
+        },
+        AddShader {
+            a: Option<NodeId>,
+            b: Option<NodeId>,
+        },
+        // Textures and coordinates.
+        ImageTexture {
+            texture: usize,
+            vector: Option<Input>,
+            interpolation: Interpolation,
+            extension: Extension,
+        },
+        /// Procedural texture; in JSON `{"type": "procedural", "texture": "noise", ...}`.
+        Procedural(Procedural),
+        TextureCoordinate {
+            kind: TexCoord,
+        },
+        UvMap {
+            name: String,
+        },
+        ColorAttribute {
+            name: String,
+        },
+        /// A named attribute of any kind, or a UV map; black and opaque where a mesh lacks it.
+        Attribute {
+            name: String,
+        },
+        Mapping {
+            kind: MappingKind,
+            vector: Input,
+            location: Input,
+            rotation: Input,
+            scale: Input,
+        },
+        NormalMap {
+            space: NormalSpace,
+            uv_map: String,
+            strength: Input,
+            color: Input,
+        },
+        /// `filter_width` is the step of the finite differences in pixels: a socket in recent versions, 1 in Blender 4.2.
+        Bump {
+            invert: bool,
+            strength: Input,
+            distance: Input,
+            #[serde(default = "default_filter_width")]
+            filter_width: Input,
+            height: Input,
+            normal: Option<Input>,
+        },
+        /// A displacement as a vector in world space, whose height is in object or world space.
+        Displacement {
+            world_space: bool,
+            height: Input,
+            midlevel: Input,
+            scale: Input,
+            normal: Option<Input>,
+        },
+        // Colour and maths.
+        Mix {
+            data: MixData,
+            blend: BlendMode,
+            clamp_factor: bool,
+            clamp_result: bool,
+            factor: Input,
+            a: Input,
+            b: Input,
+        },
+        Math {
+            operation: MathOp,
+            clamp: bool,
+            a: Input,
+            b: Input,
+            c: Input,
+        },
+        VectorMath {
+            operation: VectorMathOp,
+            a: Input,
+            b: Input,
+            c: Input,
+            scale: Input,
+        },
+        MapRange {
+            interpolation: MapRangeKind,
+            clamp: bool,
+            /// A range of no width gives `to_min`, as from Blender 5.0 on, not 0.
+            #[serde(default)]
+            empty_gives_min: bool,
+            value: Input,
+            from_min: Input,
+            from_max: Input,
+            to_min: Input,
+            to_max: Input,
+            steps: Input,
+        },
+        Clamp {
+            range: bool,
+            value: Input,
+            min: Input,
+            max: Input,
+        },
+        ColorRamp {
+            factor: Input,
+            ramp: Curve,
+        },
+        RgbCurves {
+            factor: Input,
+            color: Input,
+            curves: Curve,
+        },
+        HueSaturation {
+            hue: Input,
+            saturation: Input,
+            value: Input,
+            factor: Input,
+            color: Input,
+        },
+        BrightContrast {
+            color: Input,
+            bright: Input,
+            contrast: Input,
+        },
+        Gamma {
+            color: Input,
+            gamma: Input,
+        },
+        Invert {
+            factor: Input,
+            color: Input,
+        },
+        /// RGB, HSV or HSL to x, y, z.
+        SeparateColor {
+            mode: ColorMode,
+            color: Input,
+        },
+        CombineColor {
+            mode: ColorMode,
+            a: Input,
+            b: Input,
+            c: Input,
+        },
+        SeparateXyz {
+            vector: Input,
+        },
+        CombineXyz {
+            x: Input,
+            y: Input,
+            z: Input,
+        },
+        // Geometry.
+        Fresnel {
+            ior: Input,
+            normal: Option<Input>,
+        },
+        LayerWeight {
+            blend: Input,
+            normal: Option<Input>,
+        },
+        Geometry,
+        ObjectInfo,
+    }
 }
 
 fn default_filter_width() -> Input {
@@ -255,107 +258,6 @@ fn default_filter_width() -> Input {
 impl Node {
     /// Calls `visit` for every input socket.
     pub fn for_each_input(&mut self, mut visit: impl FnMut(&mut Input)) {
-        let mut all = |inputs: &mut [&mut Input]| inputs.iter_mut().for_each(|input| visit(input));
-        match self {
-            Self::Principled {
-                base_color,
-                metallic,
-                roughness,
-                diffuse_roughness,
-                ior,
-                alpha,
-                normal,
-                subsurface_weight,
-                specular_ior_level,
-                specular_tint,
-                anisotropic,
-                anisotropic_rotation,
-                tangent,
-                transmission_weight,
-                coat_weight,
-                coat_roughness,
-                coat_ior,
-                coat_tint,
-                coat_normal,
-                sheen_weight,
-                sheen_roughness,
-                sheen_tint,
-                emission_color,
-                emission_strength,
-                distribution: _,
-            } => {
-                all(&mut [base_color, metallic, roughness, diffuse_roughness, ior, alpha, subsurface_weight]);
-                all(&mut [specular_ior_level, specular_tint, anisotropic, anisotropic_rotation]);
-                all(&mut [transmission_weight, coat_weight, coat_roughness, coat_ior, coat_tint]);
-                all(&mut [sheen_weight, sheen_roughness, sheen_tint, emission_color, emission_strength]);
-                [normal, tangent, coat_normal].into_iter().flatten().for_each(visit);
-            }
-            Self::Diffuse { color, roughness, normal }
-            | Self::SingleScatteringDiffuse { color, roughness, normal } => {
-                all(&mut [color, roughness]);
-                normal.iter_mut().for_each(visit);
-            }
-            Self::Glossy { color, roughness, anisotropy, rotation, normal, tangent, distribution: _ } => {
-                all(&mut [color, roughness, anisotropy, rotation]);
-                [normal, tangent].into_iter().flatten().for_each(visit);
-            }
-            Self::Glass { color, roughness, ior, normal, distribution: _ }
-            | Self::Refraction { color, roughness, ior, normal, distribution: _ } => {
-                all(&mut [color, roughness, ior]);
-                normal.iter_mut().for_each(visit);
-            }
-            Self::Translucent { color, normal } => {
-                all(&mut [color]);
-                normal.iter_mut().for_each(visit);
-            }
-            Self::Transparent { color } => all(&mut [color]),
-            Self::Emission { color, strength } => all(&mut [color, strength]),
-            Self::MixShader { factor, a: _, b: _ } => all(&mut [factor]),
-            Self::AddShader { .. }
-            | Self::TextureCoordinate { .. }
-            | Self::UvMap { .. }
-            | Self::ColorAttribute { .. }
-            | Self::Attribute { .. }
-            | Self::Geometry
-            | Self::ObjectInfo => {}
-            Self::ImageTexture { vector, .. } => vector.iter_mut().for_each(visit),
-            Self::Procedural(texture) => texture.for_each_input(visit),
-            Self::Mapping { kind: _, vector, location, rotation, scale } => {
-                all(&mut [vector, location, rotation, scale]);
-            }
-            Self::NormalMap { space: _, uv_map: _, strength, color } => all(&mut [strength, color]),
-            Self::Bump { invert: _, strength, distance, filter_width, height, normal } => {
-                all(&mut [strength, distance, filter_width, height]);
-                normal.iter_mut().for_each(visit);
-            }
-            Self::Displacement { world_space: _, height, midlevel, scale, normal } => {
-                all(&mut [height, midlevel, scale]);
-                normal.iter_mut().for_each(visit);
-            }
-            Self::Mix { factor, a, b, .. } => all(&mut [factor, a, b]),
-            Self::Math { a, b, c, .. } => all(&mut [a, b, c]),
-            Self::VectorMath { operation: _, a, b, c, scale } => all(&mut [a, b, c, scale]),
-            Self::MapRange { value, from_min, from_max, to_min, to_max, steps, .. } => {
-                all(&mut [value, from_min, from_max, to_min, to_max, steps]);
-            }
-            Self::Clamp { range: _, value, min, max } => all(&mut [value, min, max]),
-            Self::ColorRamp { factor, ramp: _ } => all(&mut [factor]),
-            Self::RgbCurves { factor, color, curves: _ } | Self::Invert { factor, color } => {
-                all(&mut [factor, color]);
-            }
-            Self::HueSaturation { hue, saturation, value, factor, color } => {
-                all(&mut [hue, saturation, value, factor, color]);
-            }
-            Self::BrightContrast { color, bright, contrast } => all(&mut [color, bright, contrast]),
-            Self::Gamma { color, gamma } => all(&mut [color, gamma]),
-            Self::SeparateColor { mode: _, color } => all(&mut [color]),
-            Self::CombineColor { mode: _, a, b, c } => all(&mut [a, b, c]),
-            Self::SeparateXyz { vector } => all(&mut [vector]),
-            Self::CombineXyz { x, y, z } => all(&mut [x, y, z]),
-            Self::Fresnel { ior, normal } | Self::LayerWeight { blend: ior, normal } => {
-                all(&mut [ior]);
-                normal.iter_mut().for_each(visit);
-            }
-        }
+        self.visit_sockets(&mut visit);
     }
 }

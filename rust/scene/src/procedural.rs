@@ -1,6 +1,7 @@
 //! Blender's procedural textures, as nodes of a shader graph.
 
 use crate::Input;
+use crate::sockets::with_sockets;
 
 /// Number of coordinates that a texture varies with (names of Blender's enum). 1D takes `w`, 4D the vector and `w`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -108,117 +109,127 @@ pub enum WaveProfile {
     Tri,
 }
 
-/// A Noise Texture node.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
-pub struct NoiseTexture {
-    pub dimensions: Dimensions,
-    pub kind: NoiseKind,
-    pub normalize: bool,
-    pub vector: Option<Input>,
-    pub w: Input,
-    pub scale: Input,
-    pub detail: Input,
-    pub roughness: Input,
-    pub lacunarity: Input,
-    pub offset: Input,
-    pub gain: Input,
-    pub distortion: Input,
+with_sockets! {
+    /// A Noise Texture node.
+    #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+    #[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
+    pub struct NoiseTexture {
+        pub dimensions: Dimensions,
+        pub kind: NoiseKind,
+        pub normalize: bool,
+        pub vector: Option<Input>,
+        pub w: Input,
+        pub scale: Input,
+        pub detail: Input,
+        pub roughness: Input,
+        pub lacunarity: Input,
+        pub offset: Input,
+        pub gain: Input,
+        pub distortion: Input,
+    }
 }
 
-/// A Voronoi Texture node. Its colour and distance are one node here, the position of the cell's point another.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
-pub struct VoronoiTexture {
-    pub dimensions: Dimensions,
-    pub feature: VoronoiFeature,
-    pub metric: Metric,
-    pub hash: VoronoiHash,
-    pub normalize: bool,
-    /// True if the outputs are vector (Blender's Position) and w, not color and distance.
-    pub position: bool,
-    pub vector: Option<Input>,
-    pub w: Input,
-    pub scale: Input,
-    pub detail: Input,
-    pub roughness: Input,
-    pub lacunarity: Input,
-    pub smoothness: Input,
-    pub exponent: Input,
-    pub randomness: Input,
+with_sockets! {
+    /// A Voronoi Texture node. Its colour and distance are one node here, the position of the cell's point another.
+    #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+    #[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
+    pub struct VoronoiTexture {
+        pub dimensions: Dimensions,
+        pub feature: VoronoiFeature,
+        pub metric: Metric,
+        pub hash: VoronoiHash,
+        pub normalize: bool,
+        /// True if the outputs are vector (Blender's Position) and w, not color and distance.
+        pub position: bool,
+        pub vector: Option<Input>,
+        pub w: Input,
+        pub scale: Input,
+        pub detail: Input,
+        pub roughness: Input,
+        pub lacunarity: Input,
+        pub smoothness: Input,
+        pub exponent: Input,
+        pub randomness: Input,
+    }
 }
 
-/// A Wave Texture node.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
-pub struct WaveTexture {
-    pub kind: WaveKind,
-    pub direction: WaveDirection,
-    pub profile: WaveProfile,
-    pub vector: Option<Input>,
-    pub scale: Input,
-    pub distortion: Input,
-    pub detail: Input,
-    pub detail_scale: Input,
-    pub detail_roughness: Input,
-    pub phase_offset: Input,
+with_sockets! {
+    /// A Wave Texture node.
+    #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+    #[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
+    pub struct WaveTexture {
+        pub kind: WaveKind,
+        pub direction: WaveDirection,
+        pub profile: WaveProfile,
+        pub vector: Option<Input>,
+        pub scale: Input,
+        pub distortion: Input,
+        pub detail: Input,
+        pub detail_scale: Input,
+        pub detail_roughness: Input,
+        pub phase_offset: Input,
+    }
 }
 
-/// A Brick Texture node.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
-pub struct BrickTexture {
-    pub offset: f32,
-    pub offset_frequency: u32,
-    pub squash: f32,
-    pub squash_frequency: u32,
-    pub vector: Option<Input>,
-    pub color1: Input,
-    pub color2: Input,
-    pub mortar: Input,
-    pub scale: Input,
-    pub mortar_size: Input,
-    pub mortar_smooth: Input,
-    pub bias: Input,
-    pub brick_width: Input,
-    pub row_height: Input,
+with_sockets! {
+    /// A Brick Texture node.
+    #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+    #[expect(missing_docs, reason = "the sockets and properties of Blender's node")]
+    pub struct BrickTexture {
+        pub offset: f32,
+        pub offset_frequency: u32,
+        pub squash: f32,
+        pub squash_frequency: u32,
+        pub vector: Option<Input>,
+        pub color1: Input,
+        pub color2: Input,
+        pub mortar: Input,
+        pub scale: Input,
+        pub mortar_size: Input,
+        pub mortar_smooth: Input,
+        pub bias: Input,
+        pub brick_width: Input,
+        pub row_height: Input,
+    }
 }
 
-/// A procedural texture. Fields carry Blender's socket names; a `vector` of `None` is the generated coordinate. Outputs are
-/// factor and color unless said otherwise.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(tag = "texture", rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the sockets and properties of Blender's nodes of the same name")]
-pub enum Procedural {
-    Noise(NoiseTexture),
-    /// Outputs value and color.
-    WhiteNoise {
-        dimensions: Dimensions,
-        vector: Option<Input>,
-        w: Input,
-    },
-    /// The factor is 1 where the first colour is shown.
-    Checker {
-        vector: Option<Input>,
-        color1: Input,
-        color2: Input,
-        scale: Input,
-    },
-    Gradient {
-        kind: GradientKind,
-        vector: Option<Input>,
-    },
-    /// Outputs distance and color, or vector and w if `position`; for [`VoronoiFeature::NSphereRadius`] radius.
-    Voronoi(VoronoiTexture),
-    Wave(WaveTexture),
-    Magic {
-        depth: u32,
-        vector: Option<Input>,
-        scale: Input,
-        distortion: Input,
-    },
-    /// The factor is 1 on mortar.
-    Brick(BrickTexture),
+with_sockets! {
+    /// A procedural texture. Fields carry Blender's socket names; a `vector` of `None` is the generated coordinate. Outputs are
+    /// factor and color unless said otherwise.
+    #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+    #[serde(tag = "texture", rename_all = "snake_case")]
+    #[expect(missing_docs, reason = "the sockets and properties of Blender's nodes of the same name")]
+    pub enum Procedural {
+        Noise(NoiseTexture),
+        /// Outputs value and color.
+        WhiteNoise {
+            dimensions: Dimensions,
+            vector: Option<Input>,
+            w: Input,
+        },
+        /// The factor is 1 where the first colour is shown.
+        Checker {
+            vector: Option<Input>,
+            color1: Input,
+            color2: Input,
+            scale: Input,
+        },
+        Gradient {
+            kind: GradientKind,
+            vector: Option<Input>,
+        },
+        /// Outputs distance and color, or vector and w if `position`; for [`VoronoiFeature::NSphereRadius`] radius.
+        Voronoi(VoronoiTexture),
+        Wave(WaveTexture),
+        Magic {
+            depth: u32,
+            vector: Option<Input>,
+            scale: Input,
+            distortion: Input,
+        },
+        /// The factor is 1 on mortar.
+        Brick(BrickTexture),
+    }
 }
 
 impl Procedural {
@@ -235,54 +246,6 @@ impl Procedural {
             | Self::Brick(BrickTexture { vector, .. }) => vector,
         }
     }
-
-    /// Calls `visit` for every input socket.
-    pub fn for_each_input(&mut self, mut visit: impl FnMut(&mut Input)) {
-        let mut all = |vector: &mut Option<Input>, inputs: &mut [&mut Input]| {
-            vector.iter_mut().for_each(&mut visit);
-            inputs.iter_mut().for_each(|input| visit(input));
-        };
-        match self {
-            Self::Noise(t) => {
-                let octaves =
-                    [&mut t.detail, &mut t.roughness, &mut t.lacunarity, &mut t.offset, &mut t.gain];
-                all(&mut t.vector, &mut [&mut t.w, &mut t.scale, &mut t.distortion]);
-                octaves.into_iter().for_each(visit);
-            }
-            Self::WhiteNoise { dimensions: _, vector, w } => all(vector, &mut [w]),
-            Self::Checker { vector, color1, color2, scale } => all(vector, &mut [color1, color2, scale]),
-            Self::Gradient { kind: _, vector } => all(vector, &mut []),
-            Self::Voronoi(t) => {
-                let octaves = [&mut t.detail, &mut t.roughness, &mut t.lacunarity];
-                all(
-                    &mut t.vector,
-                    &mut [&mut t.w, &mut t.scale, &mut t.smoothness, &mut t.exponent, &mut t.randomness],
-                );
-                octaves.into_iter().for_each(visit);
-            }
-            Self::Wave(t) => {
-                let octaves = [&mut t.detail, &mut t.detail_scale, &mut t.detail_roughness];
-                all(&mut t.vector, &mut [&mut t.scale, &mut t.distortion, &mut t.phase_offset]);
-                octaves.into_iter().for_each(visit);
-            }
-            Self::Magic { depth: _, vector, scale, distortion } => all(vector, &mut [scale, distortion]),
-            Self::Brick(t) => {
-                let mortar = [&mut t.mortar, &mut t.mortar_size, &mut t.mortar_smooth];
-                all(
-                    &mut t.vector,
-                    &mut [
-                        &mut t.color1,
-                        &mut t.color2,
-                        &mut t.scale,
-                        &mut t.bias,
-                        &mut t.brick_width,
-                        &mut t.row_height,
-                    ],
-                );
-                mortar.into_iter().for_each(visit);
-            }
-        }
-    }
 }
 
 #[cfg(test)]
@@ -290,6 +253,7 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
+    use crate::sockets::Sockets;
     use crate::{NodeId, Output};
 
     /// Every socket of a texture, made a link to a node of its own in JSON, is visited once: a forgotten one would be
@@ -303,7 +267,7 @@ mod tests {
         }
         let mut texture: Procedural = serde_json::from_value(value).expect("a texture");
         let mut visited = Vec::new();
-        texture.for_each_input(|input| {
+        texture.visit_sockets(&mut |input| {
             if let Input::Link { node, output: Output::Value } = input {
                 visited.push(*node);
             }

@@ -4,7 +4,7 @@ use relume_optimise::OptimiseError;
 use relume_proxy::ProxyError;
 use std::path::PathBuf;
 
-/// Why a stage stopped. Each message names the file, object or option, and what to do next.
+/// Reason why a stage stopped. Each message names the file, object or option, and the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The caller asked to stop; what is complete has been kept.
@@ -13,7 +13,7 @@ pub enum SessionError {
     /// A file or folder could not be read or written.
     #[error("cannot {action}: {source} ({})", path.display())]
     Io {
-        /// What was tried, in words.
+        /// Action that failed, in words.
         action: &'static str,
         /// File or folder.
         path: PathBuf,
@@ -25,7 +25,7 @@ pub enum SessionError {
     Lights {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault.
         reason: String,
     },
     /// A scene file cannot be used.
@@ -33,7 +33,7 @@ pub enum SessionError {
     SceneFile {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault.
         reason: String,
     },
     /// A setting cannot be used.
@@ -72,12 +72,12 @@ pub enum SessionError {
 }
 
 impl SessionError {
-    /// Whether a GPU has failed, so that the same on the CPU may work.
+    /// True if a GPU failed, so that the CPU may succeed.
     pub(crate) fn is_of_gpu(&self) -> bool {
         self.of_gpu().is_some()
     }
 
-    /// Why a GPU was lost, if it was: the same may work once it is opened anew.
+    /// Reason why a GPU was lost, if it was. It may work once opened anew.
     pub(crate) fn lost_gpu(&self) -> Option<&str> {
         match self.of_gpu()? {
             GpuError::Lost(reason) => Some(reason),

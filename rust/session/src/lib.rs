@@ -10,16 +10,15 @@
 //! solve_lights(&[&relighter], &SolveRequest::parse(json)?, &Pictures::in_folder(folder), &monitor, &|_| ())?.lights
 //! ```
 //!
-//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`), the scene's lights ([`LIGHTS_FILE`]), those
-//! that its paths look for ([`GUIDED_FILE`]), the light of another world that is shown ([`WORLD_FILE`]), its view transform ([`VIEW_FILE`], if it is not the sRGB curve) and, once
-//! trained, for each kind of light
-//! `proxy_<kind>.safetensors`, `proxy_<kind>.json` ([`Measured`]), `training_<kind>.safetensors` (to resume from) and
-//! `base.exr` (what relighting needs when the dump is not at hand). [`CONTENTS_FILE`] says which of these it should hold
-//! ([`lost_files`]). Everything is written atomically; long work checks the
-//! cancel flag between units and leaves whole files.
+//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`) and small files beside it: lights of the scene
+//! ([`LIGHTS_FILE`]), lights that the paths are guided towards ([`GUIDED_FILE`]), the light of another world
+//! ([`WORLD_FILE`]), the view transform ([`VIEW_FILE`]). A training adds, for each kind of light,
+//! `proxy_<kind>.safetensors`, its errors `proxy_<kind>.json` ([`Measured`]), and `training_<kind>.safetensors` to
+//! resume from. It also writes `base.exr`, which proxies need to relight without the dump. [`CONTENTS_FILE`] lists the
+//! files that the folder should hold ([`lost_files`]). Everything is written atomically; long work checks the cancel
+//! flag between units and leaves whole files.
 
 mod bake;
-pub mod bench;
 mod device;
 mod error;
 mod files;
@@ -28,7 +27,11 @@ mod progress;
 mod relight;
 mod solve;
 #[cfg(test)]
+mod test_box;
+#[cfg(test)]
 mod test_room;
+#[cfg(test)]
+mod test_warnings;
 mod train;
 
 pub use bake::features::{pixel_features, pixel_ray};
@@ -56,8 +59,9 @@ pub use relight::relighter::{RelightOptions, Relighter};
 pub use relight::relit::{Relit, RelitLight};
 pub use relight::source::{Method, UnitSource};
 pub use solve::{
-    Add, Answer, BoundsWish, Freedom, GoalKind, GoalReport, GoalWish, NewKind, Own, Pictures, Preview,
-    RegionWish, SoFar, SolveRequest, Solved, Through, Wish, solve_lights,
+    Answer, Backend, BoundsOptions, FreeParam, GoalKind, GoalRegion, GoalReport, GoalRequest, InterimLights,
+    NewLightKind, NewLights, PerLightOptions, Pictures, Preview, ProxyRelight, SolveOptions, SolveRequest,
+    Solved, solve_lights,
 };
 pub use train::measure::{Evaluation, evaluate};
 pub use train::sizes::default_sizes;

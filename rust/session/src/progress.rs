@@ -3,7 +3,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// What is being done.
+/// Kind of work in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
@@ -27,24 +27,22 @@ pub enum Stage {
     Polish,
     /// Checking files.
     Validate,
-    /// Measuring speed.
-    Bench,
 }
 
 /// One report of a running stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// What is being done.
+    /// Kind of work.
     pub stage: Stage,
     /// Units done, of `total`.
     pub done: u64,
-    /// All units of the stage.
+    /// Units of the whole stage.
     pub total: u64,
     /// Seconds since the stage began, without those for which its listener held it up, as in a pause.
     pub elapsed_s: f64,
     /// Seconds to the end, at the pace so far or of a time limit; none before there is a pace.
     pub remaining_s: Option<f64>,
-    /// What to tell the user; may be empty.
+    /// Message for the user; may be empty.
     pub message: String,
 }
 
@@ -58,7 +56,7 @@ impl Cancel {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it has been asked.
+    /// True once it was asked.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -71,13 +69,13 @@ impl Cancel {
 
 /// Receives reports and warnings; called from worker threads.
 pub trait Listener: Send + Sync {
-    /// A stage went on.
+    /// Reports progress of a stage.
     fn progress(&self, progress: &Progress);
-    /// Something was left out or replaced; in words for the user.
+    /// Reports that something was left out or replaced, in words for the user.
     fn warning(&self, message: &str);
 }
 
-/// Tells nobody.
+/// Listener that ignores everything.
 struct Silence;
 
 impl Listener for Silence {
@@ -85,7 +83,7 @@ impl Listener for Silence {
     fn warning(&self, _: &str) {}
 }
 
-/// How long work talks to its caller: it reports to a listener and obeys a cancel flag.
+/// Link from work to its caller: reports go to a listener, and a cancel flag is obeyed.
 #[derive(Clone)]
 pub struct Monitor {
     listener: Arc<dyn Listener>,
@@ -109,7 +107,7 @@ impl Monitor {
         &self.cancel
     }
 
-    /// Whether to stop.
+    /// True if work should stop.
     pub fn cancelled(&self) -> bool {
         self.cancel.requested()
     }
@@ -148,18 +146,18 @@ pub struct StageProgress {
 }
 
 impl StageProgress {
-    /// Some more units are done.
+    /// Adds units that are done.
     pub fn advance(&self, units: u64, message: &str) {
         self.done.fetch_add(units, Ordering::Relaxed);
         self.report(message, None);
     }
 
-    /// So many units are done now.
+    /// Sets the units that are done.
     pub fn set(&self, done: u64, message: &str) {
         self.set_until(done, None, message);
     }
 
-    /// So many units are done now, and the stage will take so many seconds more, where that is known better than by the pace.
+    /// Sets the units that are done, and the seconds left, if they are known better than by the pace.
     pub fn set_until(&self, done: u64, remaining_s: Option<f64>, message: &str) {
         self.done.store(done, Ordering::Relaxed);
         self.report(message, remaining_s);

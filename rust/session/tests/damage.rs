@@ -1,5 +1,7 @@
 //! Damaged files of a bake are found by name, and stop nothing that can do without them.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod common;
 
 use common::{RAW, baked, sphere, trained};
@@ -56,7 +58,7 @@ fn write_view_table(folder: &Path) {
     .unwrap();
 }
 
-/// What the add-on writes beside a bake, with their checksums.
+/// Files that the add-on writes beside a bake, with checksums.
 const SHOT: &str = r#"{"format": "relume-shot", "version": 1, "camera": "Camera", "receivers": ["Floor"], "prints": {"film": {"size": "20 x 16"}}, "maps": {}, "checksum": "7cfb4d28"}"#;
 const WANTED: &str = r#"{"format": "relume-wanted", "version": 1, "samples": 64, "train_seconds": 60.0, "checksum": "b280f39d"}"#;
 

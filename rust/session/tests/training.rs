@@ -1,4 +1,6 @@
-//! What a training tells of itself.
+//! Progress reports of a training.
+
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
 
 mod common;
 
@@ -25,7 +27,7 @@ impl Listener for Told {
     fn warning(&self, _: &str) {}
 }
 
-/// What a training on a small bake tells, until it ends or is cancelled.
+/// Progress reports of a training on a small bake, until it ends or is cancelled.
 fn told(settings: &TrainSettings, folder: &Path, cancels_at: fn(&Progress) -> bool) -> Vec<Progress> {
     baked(folder);
     let cancel = Cancel::default();

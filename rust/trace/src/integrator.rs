@@ -194,7 +194,6 @@ impl Integrator<'_> {
     }
 
     /// Sends the path on from a surface, or says that it ends there.
-    #[expect(clippy::too_many_arguments, reason = "the parts of one path's state")]
     fn scatter(
         &self,
         path: &mut PathState,

@@ -5,7 +5,6 @@
 //! the noise. What the scene itself emits goes to static layers, so that any virtual light can be
 //! added up from the paths later.
 
-pub mod bench;
 pub mod bsdf;
 pub mod bvh;
 pub mod camera;

@@ -3,7 +3,7 @@ use crate::args::PathArgs;
 use relume_session::{Info, ProxySummary, info as read_info, validate as find_problems};
 use serde::Serialize;
 
-/// Says what a file or folder is.
+/// Describes a file or folder.
 pub fn info(args: &PathArgs, context: &Context) -> anyhow::Result<()> {
     let info = read_info(&args.path)?;
     context.console.result(&text(&info), &info);

@@ -1,6 +1,5 @@
 //! One file per command.
 
-mod bench;
 mod devices;
 mod evaluate;
 mod inspect;
@@ -15,7 +14,6 @@ use crate::console::Console;
 use relume_session::{Compute, Monitor, Relighter, lost_files};
 use std::path::Path;
 
-pub use bench::bench;
 pub use devices::devices;
 pub use evaluate::evaluate;
 pub use inspect::{info, validate};
@@ -24,7 +22,7 @@ pub use relight::{gather, relight};
 pub use trace::trace;
 pub use train::train;
 
-/// What every command is given.
+/// Context of every command.
 pub struct Context<'a> {
     pub console: &'a Console,
     pub monitor: &'a Monitor,

@@ -18,8 +18,8 @@ pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
     };
     if let Some(path) = &args.from {
         let LightSet { lights, .. } = LightSet::read(path)?;
-        request.wish.from = Some(Answer { lights, world: request.now.world });
-        request.wish.steps = 0;
+        request.options.from = Some(Answer { lights, world: request.now.world });
+        request.options.steps = 0;
     }
     let views: Vec<&Relighter> = relighters.iter().collect();
     let mut solved = solve_lights(&views, &request, &Pictures::in_folder(folder), context.monitor, &|_| ())?;
@@ -96,11 +96,11 @@ fn text(args: &OptimiseArgs, solved: &Solved, world: [f32; 3]) -> String {
         lines.push(format!("world times {red:.4}, {green:.4}, {blue:.4}, which a light set does not hold"));
     }
     lines.extend(solved.report.iter().map(|report| report.text.clone()));
-    if !solved.rarely_met.is_empty() {
+    if !solved.under_sampled.is_empty() {
         lines.push(format!(
             "hardly any path meets {}: `bake --towards {}` of the scene into another folder, then `optimise` there \
              with --from {}",
-            solved.rarely_met.join(", "),
+            solved.under_sampled.join(", "),
             args.out.display(),
             args.out.display()
         ));

@@ -1,8 +1,8 @@
 use anyhow::bail;
 use std::path::Path;
 
-/// Refuses a file that could not be written in the end, before the work: one of another format than this command writes, or in
-/// no folder. `what` is written, such as "pictures are written as a multi-layer EXR".
+/// Refuses, before the work, a file of another format than this command writes, or in no folder. `what` is a sentence
+/// such as "pictures are written as a multi-layer EXR".
 pub fn check_out(path: &Path, extension: &str, what: &str) -> anyhow::Result<()> {
     let shown = path.display();
     if path.is_dir() {

@@ -15,7 +15,7 @@ fn features(denoiser: &Denoiser, seed: usize) -> DenoiseFeatures {
         world: noise(0, 3),
         alpha: noise(0, 1),
     };
-    denoiser.features(&aovs, DenoiseQuality::High).unwrap()
+    denoiser.features(&aovs, DenoiseQuality::High).expect("features")
 }
 
 #[test]

@@ -12,7 +12,6 @@
 //! segment that grazes the edge of a light within that may be decided otherwise than on the CPU. Everything else is equal.
 
 mod arguments;
-pub(crate) mod bench;
 mod bounds;
 mod chunk;
 mod compare;
@@ -39,6 +38,7 @@ pub use compare::{Goals, SoftCompared};
 use kernels::{GROUP_SIZE, LIGHTS, SORTED_LIGHTS, lanes};
 pub use light::{GpuLight, GpuLights, Receivers};
 use sorted::Sorted;
+pub use world::GpuWorld;
 
 /// Largest buffer of a chunk: larger ones are harder to find room for.
 const BUFFER_BYTES: u64 = 1 << 30;

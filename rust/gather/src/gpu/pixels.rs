@@ -8,7 +8,7 @@
 //! of its 32 M samples copy 4.8 GB (`targets_of_a_streamed_dump_copy_the_drawn_pixels_alone` counts). Whole passes on
 //! the device, others every now and then, would take 8.2 GB to show each path once, and targets of the passes that are
 //! there are noisier than those of all. A step of solving looks at 5 % of the picture: 0.4 GB, 20 ms. Before, the CPU
-//! brings the records together; `relume bench` measures targets of a streamed dump, with all of that, beside those of
+//! brings the records together; the benchmarks measure targets of a streamed dump, with all of that, beside those of
 //! one that stays.
 
 use std::ops::Range;

@@ -52,13 +52,17 @@ fn strips(map: Option<&Map>, bytes: u64) -> Vec<Range<usize>> {
 }
 
 /// A world on the device, with some rows of its map.
-pub(super) struct GpuWorld {
+#[derive(Debug)]
+pub struct GpuWorld {
     environment: Buffer<GpuEnvironment>,
     texels: Buffer<Vec3>,
 }
 
 impl GpuWorld {
     /// Room for a world and so many rows of its map.
+    ///
+    /// # Errors
+    /// If there is none, or the device was lost.
     pub fn new(gpu: &Gpu, environment: &Environment, rows: usize) -> Result<Self, GpuError> {
         let width = environment.map.as_deref().map_or(0, |map| map.width);
         Ok(Self { environment: gpu.zeros("world", 1)?, texels: gpu.zeros("map of the world", rows * width)? })
@@ -103,8 +107,11 @@ impl GpuGather {
         Ok(Image { width: manifest.width, height: manifest.height, channels: 3, data })
     }
 
-    /// Adds what a world with the rows that are there gives to an image.
-    pub(super) fn add_world(
+    /// Adds what a world with the rows that are there gives to an image. Does not wait for it.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn add_world(
         &self,
         world: &GpuWorld,
         half: SampleSplit,

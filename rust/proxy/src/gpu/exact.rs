@@ -16,7 +16,10 @@ const COMPARED: usize = 1024;
 impl GpuProxy {
     /// Largest error of an image that is made by matrices or not, as a share of its largest value, at pixels from all over it, against
     /// sums of 64 bits; infinite if a value anywhere was not written or is no number. Nothing where there is no such kernel.
-    pub(crate) fn error(&self, light: &LightParams, by_matrices: bool) -> Result<Option<f64>, ProxyError> {
+    ///
+    /// # Errors
+    /// If there is no room for the image, or the device was lost.
+    pub fn error(&self, light: &LightParams, by_matrices: bool) -> Result<Option<f64>, ProxyError> {
         let Some(matrices) = self.matrices_or_plain(by_matrices) else { return Ok(None) };
         self.error_of(light, matrices).map(Some)
     }

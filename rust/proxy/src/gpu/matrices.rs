@@ -199,7 +199,7 @@ mod tests {
 
     /// Networks with the widths of the paper's table 1, for a tile and some pixels more. Not as deep: Mesa's software
     /// driver ends all loops of a kernel after 65,535 turns in all, which these come close to. On a card with matrices
-    /// `unit_images_equal_sums_of_64_bits` and `relume bench` take the whole networks.
+    /// `unit_images_equal_sums_of_64_bits` and the benchmarks take the whole networks.
     #[test]
     fn images_by_matrices_equal_sums_of_64_bits_and_are_written_whole() {
         for (width, layers) in [(64, 4), (128, 4), (256, 2)] {

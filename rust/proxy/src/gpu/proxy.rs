@@ -235,20 +235,27 @@ impl GpuProxy {
     }
 
     /// Bytes that making a unit image reads and writes at least: what is known of the pixels, and the image.
-    pub(crate) fn image_bytes(&self) -> usize {
+    pub fn image_bytes(&self) -> usize {
         self.proxy.features().pixel_count() * 4 * (self.network.pixel_rows + 3)
     }
 
-    /// Seconds of the kernel that makes a unit image, by matrices or not, without anything around it ([`Gpu::seconds`]); nothing
-    /// where there is no such kernel.
-    pub(crate) fn seconds(&self, light: &LightParams, by_matrices: bool) -> Result<Option<f64>, ProxyError> {
-        let Some(matrices) = self.matrices_or_plain(by_matrices) else { return Ok(None) };
+    /// Appends the kernel that makes a unit image, by matrices or not, and nothing that copies the image; false where there is
+    /// no such kernel. For measuring it.
+    ///
+    /// # Errors
+    /// If there is no room for the image, or the device was lost.
+    pub fn add_unit_image(
+        &self,
+        commands: &mut Commands<'_>,
+        light: &LightParams,
+        by_matrices: bool,
+    ) -> Result<bool, ProxyError> {
+        let Some(matrices) = self.matrices_or_plain(by_matrices) else { return Ok(false) };
         let shared = &mut *self.shared();
         grow(&self.gpu, &mut shared.units, 3 * self.proxy.features().pixel_count())?;
         self.write_lights(shared, &[(*light, [1.0; 3])])?;
-        let add =
-            |commands: &mut Commands<'_>| self.add_whole(commands, matrices, &shared.lights, &shared.units);
-        self.gpu.seconds(add).map(Some)
+        self.add_whole(commands, matrices, &shared.lights, &shared.units)?;
+        Ok(true)
     }
 
     /// Listed pixels that may be worked on together for so many lights: what is collected of them, and their unit values, fit

@@ -68,7 +68,8 @@ pub(super) fn on_device(network: NetworkConfig, kind: LightKind, size: [usize; 2
 
 /// Untrained proxy with outputs above zero, on the device.
 pub(super) fn lit_on_device(network: NetworkConfig, kind: LightKind, size: [usize; 2]) -> GpuProxy {
-    let trainer = crate::bench::lit(trainer_of_size(network, kind, size));
+    let mut trainer = trainer_of_size(network, kind, size);
+    trainer.set_output_bias(2.0);
     GpuProxy::new(gpu(), &trainer.proxy().unwrap()).unwrap()
 }
 

@@ -255,31 +255,6 @@ macro_rules! define_kernels {
             }
             lanes[0]
         }
-
-        /// See [`super::peak`].
-        $(#[$attribute])*
-        pub(super) unsafe fn peak(rounds: usize) -> f32 {
-            let (scale, offset) = (splat(0.999), splat(0.001));
-            // Different starts, hidden from the compiler, keep it from merging the twelve chains.
-            let start: [f32; 12] = std::hint::black_box(std::array::from_fn(|i| i as f32));
-            let mut sums = [splat(0.0); 12];
-            for i in 0..12 {
-                sums[i] = splat(start[i]);
-            }
-            for _ in 0..rounds * 8 * (LANES / WIDTH) {
-                for sum in &mut sums {
-                    *sum = fma(*sum, scale, offset);
-                }
-            }
-            let mut total = [0.0f32; WIDTH];
-            let mut result = 0.0;
-            for sum in sums {
-                // SAFETY: `total` holds one vector.
-                unsafe { store(total.as_mut_ptr(), sum) };
-                result += total.iter().sum::<f32>();
-            }
-            result
-        }
     };
 }
 

@@ -49,7 +49,7 @@ impl Isa {
 
     /// All that this machine has, narrowest first.
     pub fn available() -> Vec<Self> {
-        #[allow(unused_mut, reason = "only x86-64 adds to it")]
+        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "only x86-64 adds to it"))]
         let mut found = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
@@ -212,12 +212,6 @@ pub(crate) fn prefetch(values: &[f32]) {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = values;
-}
-
-/// Runs `rounds` rounds of 96 independent fused multiply-adds of 32 lanes and returns their sum: the ceiling that
-/// kernels are measured against.
-pub(crate) fn peak(isa: Isa, rounds: usize) -> f32 {
-    dispatch!(isa, peak(rounds))
 }
 
 #[cfg(test)]

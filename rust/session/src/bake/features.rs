@@ -38,7 +38,7 @@ pub(crate) fn seen_points(aovs: &Aovs, camera: &Camera, count: usize) -> Vec<Vec
     spread.map(point).collect()
 }
 
-/// What proxies know of each pixel: the AOVs, and the positions that depth and camera rays give.
+/// Features of each pixel for proxies: AOVs, and positions by depth and camera ray.
 pub fn pixel_features(aovs: &Aovs, camera: &Camera) -> PixelFeatures {
     let (width, height) = (aovs.depth.width, aovs.depth.height);
     let triple = |image: &relume_image::Image, i: usize| -> [f32; 3] {

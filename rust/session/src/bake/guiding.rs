@@ -1,4 +1,4 @@
-//! Which lights the paths of a bake look for, and how often they meet others.
+//! Lights that the paths of a bake are guided towards, and how often they meet others.
 
 use crate::bake::features::seen_points;
 use crate::error::SessionError;
@@ -16,16 +16,16 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// The lights that the paths of a bake look for, pass by pass.
+/// Lights that the paths of a bake are guided towards, by pass.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GuidingRecord {
     /// Share of the directions ([`relume_trace::TraceSettings::guiding`]).
     guiding: f32,
-    /// In the order of the passes, each time they change.
+    /// Changes of the lights, in the order of the passes.
     since: Vec<Since>,
 }
 
-/// The lights that are looked for from one pass on.
+/// Lights that paths are guided towards, from one pass on.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Since {
     pass: usize,
@@ -33,7 +33,7 @@ struct Since {
 }
 
 impl GuidingRecord {
-    /// Reads a bake's record; one that looks for nothing if the folder holds none.
+    /// Reads a bake's record; an empty one if the folder holds none.
     ///
     /// # Errors
     /// [`SessionError::Lights`] names the file and what is wrong in it.
@@ -68,7 +68,8 @@ impl GuidingRecord {
         contents::note(&path)
     }
 
-    /// Notes that a pass looks for these lights, with a share of its directions. Whether that is news.
+    /// Notes the lights that a pass is guided towards, with a share of its directions. False if they are those of the
+    /// pass before.
     pub(crate) fn note(&mut self, pass: usize, lights: &[Light], guiding: f32) -> bool {
         let same = |last: &Since| last.pass <= pass && last.lights.lights == lights;
         if self.guiding == guiding && self.since.last().is_some_and(same) {
@@ -98,11 +99,11 @@ const WORTH_NEW_PATHS: f32 = 2.0;
 /// Paths of a lit pixel that find a light, from which on its noise is not that of finding it.
 const ENOUGH_HITS: f32 = 8.0;
 
-/// How often the paths of a bake meet lights.
+/// Coverage of lights by the paths of a bake.
 pub(crate) struct GuideCoverage {
-    /// Paths of each group of passes, and what they look for.
+    /// Number of paths in each group of passes, and their guide.
     guides: Vec<(u32, Option<Guide>)>,
-    /// What the latest ones look for.
+    /// Lights that the latest passes are guided towards.
     lights: Vec<Light>,
     points: Vec<Vec3>,
     guiding: f32,
@@ -111,7 +112,7 @@ pub(crate) struct GuideCoverage {
 }
 
 impl GuideCoverage {
-    /// From the points that a camera sees.
+    /// Builds it from the points that a camera sees.
     pub fn new(guiding_record: &GuidingRecord, manifest: &Manifest, aovs: &Aovs, camera: &Camera) -> Self {
         let mut guides = Vec::<(u32, Option<Guide>)>::new();
         let mut before: Option<&[Light]> = None;
@@ -137,8 +138,8 @@ impl GuideCoverage {
         self.guides.iter().map(|(samples, _)| samples).sum()
     }
 
-    /// Paths of a pixel that meet a light at once where it shines to, in the middle of all that is seen; nothing where it shines to
-    /// nothing of that.
+    /// Paths of a pixel whose first bounce meets a light, in the median over visible points that it shines on. None if
+    /// it shines on none.
     fn hits(&self, light: &Light) -> Option<f32> {
         self.median(light, |point| {
             let chance = |guide: &Option<Guide>| hit_probability(guide.as_ref(), point, light);
@@ -146,7 +147,7 @@ impl GuideCoverage {
         })
     }
 
-    /// The same if all paths looked for these lights.
+    /// [`Self::hits`] if all paths were guided towards these lights.
     fn hits_with(&self, lights: &[Light], light: &Light, guiding: f32) -> Option<f32> {
         let guide = Guide::new(lights, guiding);
         let samples = self.samples() as f32;
@@ -163,7 +164,7 @@ impl GuideCoverage {
         (!all.is_empty()).then(|| to_come * *all.select_nth_unstable_by(middle, f32::total_cmp).1)
     }
 
-    /// Whether paths that looked for these lights, with such a share of their directions, would make much less noise.
+    /// True if paths guided towards these lights, with this share of their directions, would have much less noise.
     pub fn would_gain(&self, lights: &[Light], guiding: f32) -> bool {
         lights.iter().any(|light| {
             let hits = self.hits(light).filter(|hits| *hits < ENOUGH_HITS);
@@ -202,18 +203,18 @@ impl GuideCoverage {
     }
 }
 
-/// A light that hardly any path meets.
+/// Light that hardly any path meets.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct UnderSampled {
-    /// Paths of a lit pixel that do.
+    /// Paths of a lit pixel that meet it.
     hits: f32,
-    /// Whether new paths would, if they looked for it.
+    /// True if new paths would meet it when guided towards it.
     pub guiding_helps: bool,
     samples: u32,
 }
 
 impl UnderSampled {
-    /// What to tell the user.
+    /// Warning for the user.
     pub fn warning(&self, light: &Light) -> String {
         let advice = match light.shape {
             _ if self.guiding_helps => "bake again (Rebake), and paths look for it there".to_string(),

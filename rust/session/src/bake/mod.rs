@@ -22,7 +22,7 @@ use std::time::Instant;
 /// Largest film exposure, so that what is as bright as may be can be summed still; Blender's own goes to 10.
 const MOST_EXPOSURE: f32 = 1e4;
 
-/// What a bake did.
+/// Report of a bake.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BakeReport {
     /// Pixels per row.
@@ -39,12 +39,12 @@ pub struct BakeReport {
     pub bytes: u64,
     /// Seconds of this run.
     pub seconds: f64,
-    /// What could not be represented, in words for the user.
+    /// Warnings about things that cannot be represented, for the user.
     pub warnings: Vec<String>,
 }
 
 /// Traces a scene into a folder. With `resume`, complete shards of an interrupted bake of the same scene and settings
-/// stay, and the result is the same as without the interruption; more samples than before extend it.
+/// stay. The result is the same as without the interruption; more samples than before extend it.
 ///
 /// # Errors
 /// [`SessionError::Cancelled`] if stopped; otherwise the error names what to change.
@@ -60,9 +60,9 @@ pub fn bake(
     bake_observed(scene, settings, folder, resume, monitor, &observer)
 }
 
-/// The first thing in which the bake in a folder differs from one of this scene with these settings. More or fewer samples are no
-/// difference, nor is a world that is only brighter, darker or of another tint than [`Manifest::world_color`], nor another map of
-/// the world where all paths are there that are asked for: its light is gathered from them.
+/// First difference between the bake in a folder and one of this scene with these settings. More or fewer samples are
+/// none. Nor is a world that differs from [`Manifest::world_color`] by strength or tint. Nor is another map of the
+/// world if all paths are there: its light is gathered from them.
 ///
 /// # Errors
 /// If the folder holds no bake that can be read.
@@ -78,7 +78,7 @@ pub fn difference(
     Ok(found.filter(|_| !any_map))
 }
 
-/// Whether the whole passes of the bake in a folder hold so many samples.
+/// True if the whole passes of the bake in a folder hold so many samples.
 fn has_samples(folder: &Path, samples: u32) -> Result<bool, SessionError> {
     let dump = Dump::open(folder)?;
     let whole = dump.complete_passes();
@@ -87,11 +87,11 @@ fn has_samples(folder: &Path, samples: u32) -> Result<bool, SessionError> {
 
 /// Who watches a bake, and says where its paths look.
 pub(crate) struct Observer<'a> {
-    /// Samples that are wanted in the end, where this is a part of them: of these the progress is told.
+    /// Samples of the whole bake, if this call traces a part of it; progress counts them.
     pub samples: u32,
-    /// The lights that the paths of the next pass look for.
+    /// Lights that the paths of the next pass are guided towards.
     pub lights: &'a (dyn Fn() -> Vec<Light> + Sync),
-    /// Takes all whole passes whenever there is one more, from the first on.
+    /// Receives all whole passes whenever there is one more, from the first on.
     pub passes: &'a (dyn Fn(Dump) + Sync),
 }
 
@@ -166,7 +166,8 @@ fn report(dump: &Dump, start: Instant, warnings: Vec<String>) -> BakeReport {
     }
 }
 
-/// What a folder holds, if that is all that is asked for of a scene but for the map of its world: no path is missing.
+/// Dump of a folder that differs from the bake that is asked for by the map of its world alone. No path is missing from
+/// it.
 fn of_another_world(
     scene: &Scene,
     settings: &TraceSettings,
@@ -204,7 +205,7 @@ fn check(scene: &Scene, settings: &TraceSettings) -> Result<(), SessionError> {
     check_scene(scene).map_err(SessionError::Settings)
 }
 
-/// All that keeps the tracer from taking a scene, in one line.
+/// Reasons why the tracer cannot take a scene, in one line.
 pub(crate) fn check_scene(scene: &Scene) -> Result<(), String> {
     scene
         .validate()
@@ -240,7 +241,7 @@ fn trace(
     }
 }
 
-/// How many paths there are already.
+/// Number of paths that are there already.
 fn paths_in(sink: &dyn ShardSink) -> u64 {
     let manifest = sink.manifest();
     let shards = (0..manifest.passes.len())
@@ -252,13 +253,13 @@ fn paths_in(sink: &dyn ShardSink) -> u64 {
     shards.map(paths).sum()
 }
 
-/// Writes down what the paths of each pass look for.
+/// Records the lights that the paths of each pass are guided towards.
 struct GuideRecorder<'a> {
     folder: &'a Path,
     guiding: f32,
     lights: &'a (dyn Fn() -> Vec<Light> + Sync),
     guiding_record: Mutex<GuidingRecord>,
-    /// Whether the record of the paths that are there is gone. One of new paths alone would hide that.
+    /// True if the guiding record of existing paths is lost. A record of new paths alone would hide that.
     is_lost: bool,
 }
 
@@ -281,7 +282,7 @@ struct ObservedWriter<'a> {
     writer: DumpWriter,
     folder: &'a Path,
     observe: &'a (dyn Fn(Dump) + Sync),
-    /// What is there so far, and how many whole passes were told of.
+    /// Dump so far, and the number of whole passes that were reported.
     dump: Mutex<(Dump, usize)>,
 }
 
@@ -324,8 +325,8 @@ fn tell((dump, told): &mut (Dump, usize), observe: &dyn Fn(Dump)) {
     }
 }
 
-/// Removes a bake with its proxies from a folder, and nothing else; the manifest goes first, so that what a full disk or a
-/// crash leaves is never taken for a bake.
+/// Removes a bake with its proxies from a folder, and nothing else. The manifest goes first: the rest is never taken
+/// for a bake after a crash.
 ///
 /// # Errors
 /// If the folder holds no bake, or a file cannot be removed.
@@ -337,7 +338,7 @@ pub(crate) fn clear(folder: &Path) -> Result<(), SessionError> {
     )
 }
 
-/// As [`clear`], for new paths of the same scene, of whatever world: its proxies stay right.
+/// Removes the paths but keeps the proxies, which stay right for the same scene under any world.
 pub(crate) fn clear_paths(folder: &Path) -> Result<(), SessionError> {
     remove(folder, &["tile_", "training_"], &[WORLD_FILE, GUIDED_FILE])
 }

@@ -1,5 +1,5 @@
-//! The light of another world than the paths of a bake were traced with. The paths are right for any world; only the layer
-//! `world` that was traced along with them is of the one that the scene had then.
+//! Light of another world than the one that the paths of a bake were traced with. Paths are right for any world; only
+//! their own layer `world` belongs to one.
 
 use crate::error::SessionError;
 use crate::files::checksum::crc32;
@@ -16,7 +16,7 @@ const ERROR: &str = "error";
 /// Attribute of the file, JSON of [`WorldAbout`].
 const ABOUT: &str = "relume";
 
-/// Which world a layer is of.
+/// Identity of the world that a layer shows.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WorldAbout {
     /// [`relume_scene::Scene::world_map`].
@@ -25,7 +25,7 @@ pub struct WorldAbout {
     pub color: [f32; 3],
 }
 
-/// What is stored of a world's light.
+/// Header of a stored world.
 #[derive(Serialize, Deserialize)]
 struct Stored {
     about: WorldAbout,
@@ -49,7 +49,7 @@ pub(crate) struct WorldLayer {
 }
 
 impl WorldLayer {
-    /// The layer of a bake folder whose paths are these; none if the light of their own world is to be shown.
+    /// Layer of a bake folder whose paths are these; none if their own world is shown.
     ///
     /// # Errors
     /// If the file is damaged.

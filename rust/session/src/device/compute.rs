@@ -6,7 +6,7 @@ use relume_gpu::{Gpu, GpuChoice, GpuError};
 use crate::error::SessionError;
 use crate::progress::Monitor;
 
-/// Where to compute.
+/// Device to compute on.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Device {
     /// The best graphics card; the CPU where there is none, or where it fails.
@@ -14,7 +14,7 @@ pub enum Device {
     Auto,
     /// The CPU.
     Cpu,
-    /// This GPU, or an error.
+    /// A certain GPU, or an error.
     Gpu(GpuChoice),
 }
 
@@ -34,8 +34,8 @@ impl FromStr for Device {
 }
 
 impl Device {
-    /// Opens it. `memory` bytes are a GPU's budget for everything that this process puts there; if not given, what its driver says,
-    /// less what others may need. All who open the same GPU share its device and so the budget: the one set last counts.
+    /// Opens the device. `memory` is the budget in bytes for all that this process puts on a GPU; by default a share of
+    /// what its driver reports. All users of one GPU share its device, so the budget set last counts.
     ///
     /// # Errors
     /// If a GPU was asked for and there is none, or it cannot be used.
@@ -57,7 +57,7 @@ impl Device {
     }
 }
 
-/// How a GPU was opened.
+/// Devices that are open.
 #[derive(Clone, Debug)]
 struct ReopenParams {
     choice: GpuChoice,
@@ -78,9 +78,9 @@ impl ReopenParams {
 pub struct Compute {
     /// The GPU; none if the CPU does everything.
     pub gpu: Option<Arc<Gpu>>,
-    /// Whether the CPU may go on where the GPU fails.
+    /// True if the CPU may take over when the GPU fails.
     pub may_fall_back: bool,
-    /// Why the CPU does it all although there is a GPU.
+    /// Reason why the CPU does everything although there is a GPU.
     fallback_reason: Option<String>,
     /// None if it cannot be opened again.
     reopen: Option<ReopenParams>,
@@ -98,17 +98,16 @@ impl Compute {
         Self { fallback_reason, ..Self::default() }
     }
 
-    /// Tells the user why the CPU does it all although there is a GPU, if that is so.
+    /// Warns the user if the CPU does everything although there is a GPU.
     pub fn warn(&self, monitor: &Monitor) {
         self.fallback_reason.iter().for_each(|reason| monitor.warn(&format!("{reason}. The CPU does it")));
     }
 
-    /// Does some work here. If the GPU was lost, it is opened anew and the work is done again, once; if it fails all the same, and
-    /// the CPU may go on, that does it. `from` says where it goes on from after a try that failed, for the user: a part of a sentence,
-    /// or nothing.
+    /// Runs work on the device. If the GPU was lost, it is opened anew and the work runs again, once. If it fails
+    /// again, the CPU takes over where it may. `from` tells the user where the work goes on, as a part of a sentence.
     ///
     /// # Errors
-    /// Those of the last try.
+    /// Errors of the last try.
     pub(crate) fn attempt<R>(
         &self,
         monitor: &Monitor,
@@ -135,10 +134,10 @@ impl Compute {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Mutex;
 
     use super::*;
-    use crate::progress::{Cancel, Listener, Progress};
+    use crate::progress::Cancel;
+    use crate::test_warnings::Warnings;
 
     #[test]
     fn words_and_names_are_devices() {
@@ -159,32 +158,21 @@ mod tests {
     #[test]
     fn the_cpu_takes_over_in_silence_only_where_there_is_no_card() {
         let warned = |error: &GpuError| {
-            let told = Arc::new(Told::default());
-            let monitor = Monitor::new(told.clone(), Cancel::default());
+            let warnings = Arc::new(Warnings::default());
+            let monitor = Monitor::new(warnings.clone(), Cancel::default());
             let compute = Compute::without_gpu(error);
             compute.warn(&monitor);
             assert!(compute.gpu.is_none());
-            let told = told.0.lock().unwrap();
-            told.clone()
+            let warnings = warnings.0.lock().unwrap();
+            warnings.clone()
         };
         assert!(warned(&GpuError::NoAdapter).is_empty());
         let lacks = "its driver has no push constants";
         let unsuitable = GpuError::Unsuitable { adapter: "A card".into(), missing: lacks.into() };
         for (error, reason) in [(GpuError::NoDriver, "no driver offers it"), (unsuitable, lacks)] {
-            let told = warned(&error);
-            assert!(told.len() == 1 && told[0].contains(reason), "{told:?}");
-            assert!(told[0].ends_with(". The CPU does it"), "{told:?}");
-        }
-    }
-
-    /// What the user is warned of.
-    #[derive(Default)]
-    struct Told(Mutex<Vec<String>>);
-
-    impl Listener for Told {
-        fn progress(&self, _: &Progress) {}
-        fn warning(&self, message: &str) {
-            self.0.lock().unwrap().push(message.to_owned());
+            let warnings = warned(&error);
+            assert!(warnings.len() == 1 && warnings[0].contains(reason), "{warnings:?}");
+            assert!(warnings[0].ends_with(". The CPU does it"), "{warnings:?}");
         }
     }
 

@@ -38,7 +38,7 @@ impl DeviceGather {
         }
     }
 
-    /// Lets the GPU's copy be sorted in the background when it is relit often: once nothing else needs the CPU.
+    /// Allows sorting the copy on the GPU in the background after several relights, once nothing else needs the CPU.
     pub fn allow_sorting(&self) {
         self.may_sort.store(true, Ordering::Relaxed);
     }
@@ -56,40 +56,40 @@ impl DeviceGather {
     pub fn unit_images(
         &self,
         lights: &[Light],
-        half: SampleSplit,
+        split: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
-        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, half);
-        self.images(lights, half, compute, monitor, work, |image| image)
+        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, split);
+        self.images(lights, split, compute, monitor, work, |image| image)
     }
 
     /// [`DeviceGather::unit_images`] that stay on the GPU where that makes them and has room. They are there when this returns.
     pub fn device_images(
         &self,
         lights: &[Light],
-        half: SampleSplit,
+        split: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<DeviceImage>, SessionError> {
-        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| match on_gpu.gpu_images(lights, half) {
+        let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| match on_gpu.gpu_images(lights, split) {
             Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) => {
-                Ok(on_gpu.unit_images(lights, half)?.into_iter().map(DeviceImage::Cpu).collect())
+                Ok(on_gpu.unit_images(lights, split)?.into_iter().map(DeviceImage::Cpu).collect())
             }
             images => {
                 let images = images?;
                 on_gpu.wait()?;
-                images.into_iter().map(|image| Ok(DeviceImage::made(image)?)).collect()
+                images.into_iter().map(|image| Ok(DeviceImage::from_gpu(image)?)).collect()
             }
         };
-        self.images(lights, half, compute, monitor, work, DeviceImage::Cpu)
+        self.images(lights, split, compute, monitor, work, DeviceImage::Cpu)
     }
 
     /// Unit images as the GPU or the CPU gives them.
     fn images<R>(
         &self,
         lights: &[Light],
-        half: SampleSplit,
+        split: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
@@ -102,13 +102,13 @@ impl DeviceGather {
             self.sorting.relit(|| self.on_gpu.get());
         }
         let on_cpu = || {
-            let (gather, half) = self.gather.split(half);
-            gather.unit_images(&lights, half).into_iter().map(of_cpu).collect()
+            let (gather, split) = self.gather.split(split);
+            gather.unit_images(&lights, split).into_iter().map(of_cpu).collect()
         };
         Ok(images.unwrap_or_else(on_cpu))
     }
 
-    /// What a world gives to the picture.
+    /// Light of a world in the picture.
     pub fn world_image(
         &self,
         environment: &Environment,
@@ -151,7 +151,7 @@ impl DeviceGather {
         self.if_it_gathers_pixels(compute, monitor, work)
     }
 
-    /// Does some work on the GPU if that has room for the parts of the dump that it needs.
+    /// Runs work on the GPU if that has room for the parts of the dump that it needs.
     fn if_it_gathers_pixels<R>(
         &self,
         compute: &Compute,
@@ -186,23 +186,13 @@ impl DeviceGather {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Mutex;
 
     use relume_gpu::GpuChoice;
 
     use super::*;
-    use crate::live::bench::{boxed, bulbs};
-    use crate::progress::{Cancel, Listener, Progress};
-
-    #[derive(Default)]
-    struct Warnings(Mutex<Vec<String>>);
-
-    impl Listener for Warnings {
-        fn progress(&self, _: &Progress) {}
-        fn warning(&self, message: &str) {
-            self.0.lock().unwrap().push(message.into());
-        }
-    }
+    use crate::progress::Cancel;
+    use crate::test_box::{boxed, bulbs};
+    use crate::test_warnings::Warnings;
 
     #[test]
     fn smoothed_lights_that_find_no_room_on_the_gpu_are_made_by_the_cpu_which_is_told_once() {

@@ -15,24 +15,24 @@ impl Default for DeviceImage {
 }
 
 impl DeviceImage {
-    /// An image that was made on the GPU: it stays there if that leaves room for others.
-    pub fn made(image: GpuImage) -> Result<Self, GpuError> {
+    /// Image made on the GPU. It stays there if that leaves room for others.
+    pub fn from_gpu(image: GpuImage) -> Result<Self, GpuError> {
         let mut made = Self::Gpu(image);
         if !made.leaves_room() {
-            made.bring_down()?;
+            made.move_to_cpu()?;
         }
         Ok(made)
     }
 
-    /// An image that was made on the CPU of one on the GPU: brought there too, if that leaves room for others.
-    pub fn beside(other: &Self, image: Image) -> Self {
+    /// Image made from `other`, on whose device it is put if that leaves room for others.
+    pub fn on_device_of(other: &Self, image: Image) -> Self {
         let copy = |other: &GpuImage| GpuImage::of(other.gpu(), image.width, image.height, &image.data);
         // Where the GPU fails, whoever next needs the other one says so.
         let copy = other.on_gpu().and_then(|other| copy(other).ok()).map(Self::Gpu);
         copy.filter(Self::leaves_room).unwrap_or(Self::Cpu(image))
     }
 
-    /// Whether the GPU has room for those that gathers and sums are made in.
+    /// True if the GPU has room left for the images of gathers and sums.
     fn leaves_room(&self) -> bool {
         const IMAGES: usize = 32;
         self.on_gpu().is_some_and(|image| image.gpu().free_memory() >= (IMAGES * self.bytes()) as u64)
@@ -42,7 +42,7 @@ impl DeviceImage {
         self.bytes() == 0
     }
 
-    /// What it takes, wherever it is.
+    /// Bytes of memory, wherever it is.
     pub fn bytes(&self) -> usize {
         match self {
             Self::Cpu(image) => size_of_val(image.data.as_slice()),
@@ -57,7 +57,7 @@ impl DeviceImage {
         }
     }
 
-    /// A copy on the CPU.
+    /// Copy on the CPU.
     pub fn read(&self) -> Result<Image, GpuError> {
         match self {
             Self::Cpu(image) => Ok(image.clone()),
@@ -68,22 +68,22 @@ impl DeviceImage {
         }
     }
 
-    /// Brings it to the CPU.
-    pub fn bring_down(&mut self) -> Result<(), GpuError> {
+    /// Moves it to the CPU.
+    pub fn move_to_cpu(&mut self) -> Result<(), GpuError> {
         if self.on_gpu().is_some() {
             *self = Self::Cpu(self.read()?);
         }
         Ok(())
     }
 
-    /// Moves by `share` towards another image of its size, which becomes `scale` times what it differed by. Both come to the CPU unless
-    /// both are on the GPU.
+    /// Moves by `share` towards another image of its size, which becomes `scale` times their difference. Both come to
+    /// the CPU unless both are on the GPU.
     pub fn take_in(&mut self, other: &mut Self, share: f32, scale: f32) -> Result<(), GpuError> {
         if let (Self::Gpu(image), Self::Gpu(other)) = (&mut *self, &mut *other) {
             return image.take_in(other, share, scale);
         }
-        self.bring_down()?;
-        other.bring_down()?;
+        self.move_to_cpu()?;
+        other.move_to_cpu()?;
         if let (Self::Cpu(image), Self::Cpu(other)) = (self, other) {
             for (value, other) in image.data.iter_mut().zip(&mut other.data) {
                 let difference = *other - *value;

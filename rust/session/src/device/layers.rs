@@ -3,8 +3,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use relume_gpu::compare::Layers;
 use relume_gpu::{Gpu, GpuError};
 
-/// What is there without the lights that are solved and lights that stay, brought to whichever GPU is in use: one that is lost is
-/// replaced.
+/// Pictures without the lights that are solved, and lights that stay. They are copied to whichever GPU is in use.
 pub(crate) struct DeviceLayers {
     pictures: Vec<Vec<[f32; 3]>>,
     on_gpu: Mutex<Option<Arc<Layers>>>,

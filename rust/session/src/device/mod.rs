@@ -1,4 +1,4 @@
-//! Where work runs: CPU threads, or a GPU with the CPU to fall back on.
+//! Devices that work runs on: CPU threads, or a GPU with the CPU to fall back on.
 
 pub(crate) mod compute;
 pub(crate) mod gather;

@@ -6,11 +6,11 @@ use crate::device::compute::Compute;
 use crate::error::SessionError;
 use crate::progress::Monitor;
 
-/// Something that is put on the GPU when it is first needed, or when that was lost, and given up where the GPU fails and the
-/// CPU may go on.
-pub(crate) struct OnGpu<T>(Mutex<State<T>>);
+/// Value that is made on the GPU when it is first needed or was lost. It is given up if the GPU fails and the CPU may
+/// take over.
+pub(crate) struct OnGpu<T>(Mutex<Slot<T>>);
 
-enum State<T> {
+enum Slot<T> {
     NotStarted,
     Ready(Arc<T>),
     GivenUp,
@@ -18,12 +18,12 @@ enum State<T> {
 
 impl<T> Default for OnGpu<T> {
     fn default() -> Self {
-        Self(Mutex::new(State::NotStarted))
+        Self(Mutex::new(Slot::NotStarted))
     }
 }
 
 impl<T> OnGpu<T> {
-    /// Does some work there; nothing comes back where the CPU has to do it.
+    /// Runs work there; none if the CPU has to do it.
     ///
     /// # Errors
     /// If the GPU fails that the user asked for.
@@ -43,30 +43,30 @@ impl<T> OnGpu<T> {
             || "",
             |compute| {
                 let Some(gpu) = &compute.gpu else {
-                    *state = State::GivenUp;
+                    *state = Slot::GivenUp;
                     return Ok(None);
                 };
                 let result = state.ready(|| make(gpu.clone())).and_then(|ready| ready.map(&work).transpose());
                 result.map_err(E::into).inspect_err(|error| {
                     if error.lost_gpu().is_some() {
-                        *state = State::NotStarted;
+                        *state = Slot::NotStarted;
                     }
                 })
             },
         )
     }
 
-    /// What is there, for work that must not keep others from theirs.
+    /// Value that is there, for work that must not block that of others.
     pub fn get(&self) -> Option<Arc<T>> {
         match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
-            State::Ready(ready) => Some(Arc::clone(ready)),
+            Slot::Ready(ready) => Some(Arc::clone(ready)),
             _ => None,
         }
     }
 }
 
-impl<T> State<T> {
-    /// Made now if it is needed for the first time; nothing once it has been given up.
+impl<T> Slot<T> {
+    /// Value, made now if it is needed for the first time; none once it was given up.
     fn ready<E>(&mut self, make: impl FnOnce() -> Result<T, E>) -> Result<Option<&T>, E> {
         if let Self::NotStarted = self {
             *self = Self::Ready(Arc::new(make()?));

@@ -14,7 +14,7 @@ use crate::progress::Monitor;
 #[derive(Default)]
 pub(crate) struct DeviceProxies {
     proxies: Proxies,
-    /// In the order of `proxies`.
+    /// Copies on the GPU, in the order of `proxies`.
     on_gpu: Vec<OnGpu<GpuProxy>>,
 }
 
@@ -51,13 +51,13 @@ impl DeviceProxies {
             Err(ProxyError::Gpu(GpuError::OutOfMemory { .. })) => {
                 Ok(DeviceImage::Cpu(gpu.unit_image(&params)?))
             }
-            made => Ok(DeviceImage::made(made?)?),
+            made => Ok(DeviceImage::from_gpu(made?)?),
         };
         let image = self.attempt(params.kind(), compute, monitor, on_gpu)?;
         image.map_or_else(|| Ok(DeviceImage::Cpu(proxy.unit_image(&params)?)), Ok)
     }
 
-    /// As [`DeviceProxies::unit_image`], of every second pixel and row only.
+    /// [`DeviceProxies::unit_image`] of every second pixel and row only.
     pub fn half_image(&self, light: &Light) -> Result<Image, SessionError> {
         let (proxy, params) = self.covering(light)?;
         let (pixels, [width, height]) = proxy.coarse_pixels(2);
@@ -73,7 +73,7 @@ impl DeviceProxies {
         }
     }
 
-    /// Does some work with a proxy on the GPU; nothing comes back where there is none, or the CPU has to do it.
+    /// Runs work with a proxy on the GPU; none if there is no such proxy or the CPU has to do it.
     pub fn attempt<R>(
         &self,
         kind: LightKind,

@@ -12,8 +12,8 @@ const RELIGHTS: usize = 3;
 /// Share of the free memory that sorted segments may take: proxies and trainings come after them.
 const MOST_MEMORY: f64 = 0.5;
 
-/// Sorts the segments of a dump on the GPU, once it is relit again and again, on a thread of its own; relighting goes on
-/// meanwhile, and reads less for small lights afterwards, where that is measured to be quicker. Ends with its owner.
+/// Sorts the segments of a dump on the GPU, on a thread of its own, once it was relit several times. Relighting goes on
+/// meanwhile. Afterwards small lights read less, where that is measured to be quicker. Ends with its owner.
 #[derive(Default)]
 pub(crate) struct Sorting {
     relights: AtomicUsize,
@@ -34,7 +34,7 @@ impl Sorting {
         *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = thread.ok();
     }
 
-    /// Counts from the start: what was sorted before is lost.
+    /// Restarts the count: all sorting before is lost.
     pub fn begin_again(&self) {
         self.relights.store(0, Ordering::Relaxed);
     }
@@ -47,7 +47,7 @@ impl Sorting {
     }
 }
 
-/// On half of the threads: relighting and Blender need the others. One dump at a time.
+/// Sorts on half of the threads, since relighting and Blender need the others. One dump at a time.
 fn sort(gather: &GpuGather, stop: &AtomicBool) {
     static ONE: Mutex<()> = Mutex::new(());
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -68,25 +68,19 @@ impl Drop for Sorting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::closed_box;
     use crate::device::compute::{Compute, Device};
     use crate::device::gather::DeviceGather;
     use crate::progress::Monitor;
+    use crate::test_box::boxed;
     use glam::Vec3;
-    use relume_dump::{Dump, MemoryWriter};
+    use relume_dump::Dump;
     use relume_gather::Gather;
     use relume_gather::SampleSplit;
     use relume_gpu::GpuChoice;
     use relume_scene::{Light, LightShape};
-    use relume_trace::{Control, TraceSettings, Tracer};
 
     fn dump() -> Dump {
-        let scene = closed_box((24, 16)).expect("a scene");
-        let tracer = Tracer::new(&scene, &TraceSettings { samples: 4, ..TraceSettings::default() });
-        let tracer = tracer.expect("a tracer");
-        let writer = MemoryWriter::new(tracer.manifest()).expect("a dump");
-        tracer.trace(&writer, &Control::default()).expect("traced");
-        writer.snapshot()
+        boxed((24, 16), 4).expect("a dump")
     }
 
     #[test]

@@ -1,33 +1,31 @@
 use rayon::ThreadPoolBuilder;
 
-/// What threads give way to.
+/// Threads that others give way to.
 #[derive(Clone, Copy)]
-enum Before {
+enum GivesWayTo {
     /// Blender's threads, which draw its window.
     Window,
     /// Those, and the threads that make pictures for it.
     Pictures,
 }
 
-/// Does some work on a thread pool of its own, so that a program can do several things, each with its number of threads; 0 for
-/// one a core. Where no threads can be had, the calling one does all.
+/// Runs work on a thread pool of its own; 0 threads means one per core. Without threads the calling one does all.
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     install(ThreadPoolBuilder::new().num_threads(threads), work)
 }
 
-/// As [`on_threads`], on threads that give way to Blender's own, which draw its window: to use every core for the picture of an
-/// edit would hold up the next edit.
+/// [`on_threads`] at a lower priority than Blender's own threads, which draw its window. Using every core for one edit
+/// would hold up the next.
 pub fn beside_window<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    install(giving_way(threads, Before::Window), work)
+    install(giving_way(threads, GivesWayTo::Window), work)
 }
 
-/// As [`on_threads`], on threads that give way to Blender's own and to those that make pictures for its window. Work that uses
-/// every core would have them wait otherwise.
+/// [`on_threads`] at a lower priority than Blender's own threads and those that render for its window.
 pub fn in_background<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    install(giving_way(threads, Before::Pictures), work)
+    install(giving_way(threads, GivesWayTo::Pictures), work)
 }
 
-fn giving_way(threads: usize, before: Before) -> ThreadPoolBuilder {
+fn giving_way(threads: usize, before: GivesWayTo) -> ThreadPoolBuilder {
     ThreadPoolBuilder::new().num_threads(threads).start_handler(move |_| before.give_way())
 }
 
@@ -38,9 +36,9 @@ fn install<T: Send>(pool: ThreadPoolBuilder, work: impl FnOnce() -> T + Send) ->
     }
 }
 
-impl Before {
-    /// Takes more of niceness, which Linux keeps for each thread: with 5 more, a thread gets a third of what another one gets of a
-    /// core that both want; with 10 more, a ninth. A system that refuses has the thread work as it is.
+impl GivesWayTo {
+    /// Raises the niceness, which Linux keeps for each thread. At 5 more a thread gets a third of a contended core, at
+    /// 10 more a ninth. If the system refuses, the thread works as it is.
     #[cfg(target_os = "linux")]
     fn give_way(self) {
         let _ = rustix::process::nice(match self {
@@ -49,11 +47,11 @@ impl Before {
         });
     }
 
-    /// Takes a priority below normal, on Windows the one of that name. There is no step between, so threads that make pictures
-    /// keep theirs.
+    /// Sets a priority below normal, the one of that name on Windows. There is no step between: threads that make
+    /// pictures keep theirs.
     #[cfg(not(target_os = "linux"))]
     fn give_way(self) {
-        /// Of 0 to 99, where threads have 50 by themselves.
+        /// Priority of 0 to 99; threads have 50 by default.
         const BELOW_NORMAL: u8 = 22;
         if matches!(self, Self::Pictures) {
             let priority = thread_priority::ThreadPriorityValue::try_from(BELOW_NORMAL).expect("of 0 to 99");
@@ -68,12 +66,12 @@ impl Before {
 mod tests {
     use super::*;
 
-    /// Of each thread of the pool, 19th of the fields that Linux tells of it (`proc_pid_stat(5)`).
+    /// Niceness of each thread of the pool: the 19th field in `proc_pid_stat(5)`.
     fn niceness() -> Vec<i32> {
         rayon::broadcast(|_| {
-            let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
-            let after_name = stat.rsplit_once(") ").unwrap().1;
-            after_name.split(' ').nth(16).unwrap().parse().unwrap()
+            let stat = std::fs::read_to_string("/proc/thread-self/stat").expect("a thread");
+            let after_name = stat.rsplit_once(") ").expect("a name").1;
+            after_name.split(' ').nth(16).and_then(|niceness| niceness.parse().ok()).expect("a niceness")
         })
     }
 

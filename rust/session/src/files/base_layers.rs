@@ -1,4 +1,4 @@
-//! What a folder of proxies needs beside them, so that it relights without the dump: AOVs, static layers, camera.
+//! Layers beside the proxies of a folder, which relight without the dump: AOVs, static light, camera.
 
 use crate::error::SessionError;
 use crate::files::contents;
@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Attribute of the file, JSON of [`About`]; a single one, so that equal layers are equal files.
+/// Attribute of the file, JSON of [`BaseHeader`]; a single one, so that equal layers are equal files.
 const ABOUT: &str = "relume";
 
 #[derive(Serialize, Deserialize)]
-struct About {
+struct BaseHeader {
     scene_hash: String,
     camera: Camera,
 }
@@ -32,7 +32,7 @@ pub(crate) fn write(
     camera: &Camera,
     scene_hash: &str,
 ) -> Result<(), SessionError> {
-    let about = About { scene_hash: scene_hash.to_string(), camera: camera.clone() };
+    let about = BaseHeader { scene_hash: scene_hash.to_string(), camera: camera.clone() };
     let about = serde_json::to_string(&about)
         .map_err(|error| SessionError::Settings(format!("the camera cannot be stored: {error}")))?;
     let layers = vec![
@@ -79,7 +79,7 @@ pub(crate) fn read(folder: &Path) -> Result<BaseLayers, SessionError> {
         alpha: take("alpha", 1)?,
     };
     let about = file.attributes.get(ABOUT).and_then(|json| serde_json::from_str(json).ok());
-    let About { scene_hash, camera } = about.ok_or_else(|| damaged("camera"))?;
+    let BaseHeader { scene_hash, camera } = about.ok_or_else(|| damaged("camera"))?;
     Ok(BaseLayers { aovs, camera, scene_hash })
 }
 

@@ -20,7 +20,7 @@ struct Contents {
     /// CRC-32 of those files that hold none of their own, by name.
     #[serde(default)]
     sums: BTreeMap<String, String>,
-    /// Of this file ([`checksum::with_own`]).
+    /// Checksum of this file ([`checksum::with_own`]).
     #[serde(default)]
     checksum: String,
 }
@@ -31,7 +31,7 @@ impl Contents {
         Self { format: FORMAT.into(), version: VERSION, files, sums, checksum: String::new() }
     }
 
-    /// What a folder says; nothing where it does not say, or not in words of this version.
+    /// Contents of a folder; empty if it has none of this version.
     fn of(folder: &Path) -> Self {
         let text = std::fs::read_to_string(folder.join(CONTENTS_FILE)).unwrap_or_default();
         Self::parse(&text).unwrap_or_else(|_| Self::none())
@@ -63,8 +63,8 @@ impl Contents {
     }
 }
 
-/// Notes that a folder should hold a file, and what is in it, after it was written: after a crash between the two it is not
-/// missed. Files of tensors have checksums of their own.
+/// Notes a file that was written, and its checksum if it holds none of its own. A crash in between loses the note, not
+/// the file.
 pub(crate) fn note(path: &Path) -> Result<(), SessionError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = name_of(path);
@@ -88,7 +88,7 @@ pub(crate) fn forget(folder: &Path, paths: &[PathBuf]) -> Result<(), SessionErro
     if contents.files.len() < before { contents.write(folder) } else { Ok(()) }
 }
 
-/// What is wrong with a folder's own list of its files, if it has one.
+/// Fault of a folder's own list of its files, if it has one.
 pub(crate) fn fault(folder: &Path) -> Option<String> {
     let path = folder.join(CONTENTS_FILE);
     if !path.exists() {
@@ -98,19 +98,19 @@ pub(crate) fn fault(folder: &Path) -> Option<String> {
     text.and_then(|text| Contents::parse(&text)).err()
 }
 
-/// Whether a file is not as it was noted.
+/// True if a file differs from what was noted.
 pub(crate) fn is_altered(path: &Path) -> bool {
     let contents = Contents::of(path.parent().unwrap_or(Path::new("")));
     let noted = contents.sums.get(&name_of(path));
     noted.is_some_and(|sum| std::fs::read(path).is_ok_and(|bytes| crc32(&bytes) != *sum))
 }
 
-/// Whether a file is gone that its folder should hold.
+/// True if a file is gone that its folder should hold.
 pub(crate) fn is_lost(path: &Path) -> bool {
     Contents::of(path.parent().unwrap_or(Path::new(""))).lacks(path)
 }
 
-/// The files that are gone from a folder of a bake or of proxies, with what follows and what to do, in words for the user.
+/// Warnings about files that are gone from a folder: what follows, and what to do.
 pub fn lost_files(folder: &Path) -> Vec<String> {
     let contents = Contents::of(folder);
     let mut lost = Vec::new();

@@ -7,8 +7,8 @@ use crate::files::names::{
 use relume_dump::Manifest;
 use std::path::Path;
 
-/// What is said of a damaged file of a folder.
-pub(crate) fn words(path: &Path, reason: &str) -> String {
+/// Message about a damaged file of a folder.
+pub(crate) fn damage_message(path: &Path, reason: &str) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let effect = EFFECTS.iter().find(|(file, _)| *file == name).map_or(OF_PROXIES, |(_, effect)| effect);
     format!("{} is damaged ({}), {effect}", path.display(), reason.trim_end_matches('.'))

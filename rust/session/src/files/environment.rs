@@ -3,8 +3,8 @@ use relume_image::read_picture;
 use relume_scene::{Alpha, ColorEncoding, Texels, Texture};
 use std::path::Path;
 
-/// Reads an equirectangular picture (EXR scene-linear, PNG by the sRGB curve) as a texture for a world, and what there is to say
-/// of it: pixels that are not finite become black.
+/// Reads an equirectangular picture as a texture for a world: EXR is scene-linear, PNG by the sRGB curve. The text is a
+/// warning about pixels that are not finite, which become black.
 ///
 /// # Errors
 /// If the file cannot be read.

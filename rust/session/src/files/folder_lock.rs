@@ -11,8 +11,8 @@ pub(crate) struct FolderLock {
 }
 
 impl FolderLock {
-    /// Takes a folder, which is made if it is not there. Work of the same process that is about to end does not count, nor do
-    /// locks where the file system has none.
+    /// Takes a folder, which is made if it is not there. Work of the same process that is about to end does not count.
+    /// Nor do locks on file systems without them.
     ///
     /// # Errors
     /// If another process has it.

@@ -11,13 +11,13 @@ use relume_scene::Instance;
 use serde::Serialize;
 use std::path::Path;
 
-/// What a file or folder is.
+/// Description of a file or folder.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum Info {
     /// A bake folder.
     Bake {
-        /// Its manifest.
+        /// Manifest of the bake.
         manifest: Box<Manifest>,
         /// Tiles and passes that are there, of all.
         shards: [usize; 2],
@@ -27,7 +27,7 @@ pub enum Info {
         bytes: u64,
         /// Names of the scene's lights.
         lights: Vec<String>,
-        /// Its proxies.
+        /// Proxies in the folder.
         proxies: Vec<ProxySummary>,
         /// Files that are gone ([`lost_files`]) or cannot be read, in words.
         lost: Vec<String>,
@@ -41,21 +41,21 @@ pub enum Info {
     },
     /// A proxy.
     Proxy {
-        /// What is known of it.
+        /// Facts about it.
         info: Box<ProxyInfo>,
     },
     /// A light set.
     Lights {
-        /// Its name.
+        /// Name of the set.
         name: String,
-        /// Its lights.
+        /// Lights of the set.
         lights: Vec<relume_scene::Light>,
-        /// What was changed on reading.
+        /// Changes made on reading.
         notes: Vec<String>,
     },
     /// A scene file.
     Scene {
-        /// As a bake's manifest has it.
+        /// Hash of the scene, as in the manifest of its bake.
         scene_hash: String,
         /// Width and height of its picture, pixels.
         resolution: [usize; 2],
@@ -67,7 +67,7 @@ pub enum Info {
         triangles: usize,
         /// Names of its lights.
         lights: Vec<String>,
-        /// What could not be represented.
+        /// Warnings about things that cannot be represented.
         warnings: Vec<String>,
     },
 }
@@ -75,13 +75,13 @@ pub enum Info {
 /// A proxy of a folder.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProxySummary {
-    /// What is known of it.
+    /// Facts about it.
     pub info: ProxyInfo,
-    /// How it compares with gathering.
+    /// Comparison with gathering.
     pub measured: Option<Measured>,
 }
 
-/// Says what a bake folder, proxy, light set or scene file is.
+/// Describes a bake folder, proxy, light set or scene file.
 ///
 /// # Errors
 /// If it is none of these, or damaged.
@@ -119,7 +119,7 @@ fn bake_info(folder: &Path) -> Result<Info, SessionError> {
     let all = manifest.tile_count() * manifest.passes.len();
     let mut lost = lost_files(folder);
     let lights = LightSet::of_bake(folder).unwrap_or_else(|error| {
-        lost.push(damage::words(&folder.join(LIGHTS_FILE), &reason_of(error)));
+        lost.push(damage::damage_message(&folder.join(LIGHTS_FILE), &reason_of(error)));
         LightSet::default()
     });
     let (proxies, unusable) = Proxies::open_usable(folder, &manifest.scene_hash);

@@ -23,11 +23,11 @@ const VERSION: u32 = 1;
 /// A named list of lights.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LightSet {
-    /// What the artist calls it; the file's name if it does not say.
+    /// Name by the artist; the file name if it has none.
     pub name: String,
     /// The lights.
     pub lights: Vec<Light>,
-    /// What was changed on reading, in words for the user.
+    /// Changes made on reading, for the user.
     pub notes: Vec<String>,
 }
 
@@ -59,7 +59,7 @@ impl LightSet {
     /// The lights that a bake's scene came with; none if the folder does not hold them.
     ///
     /// # Errors
-    /// As [`LightSet::read`].
+    /// Fails like [`LightSet::read`].
     pub fn of_bake(folder: &Path) -> Result<Self, SessionError> {
         let path = folder.join(crate::files::names::LIGHTS_FILE);
         if path.exists() { Self::read(&path) } else { Ok(Self::default()) }
@@ -68,12 +68,12 @@ impl LightSet {
     /// Parses the text of a light set.
     ///
     /// # Errors
-    /// In words that name the light and the field.
+    /// Names the light and the field.
     pub fn parse(text: &str) -> Result<Self, String> {
         Self::from_json(serde_json::from_str(text).map_err(|error| error.to_string())?)
     }
 
-    /// As [`LightSet::parse`], of a part of some JSON.
+    /// Reads a light set that is part of some JSON.
     pub(crate) fn from_json(value: Value) -> Result<Self, String> {
         let file = if value.is_array() {
             let lights = serde_json::from_value(value).map_err(|error| error.to_string())?;
@@ -111,7 +111,7 @@ impl LightSet {
     }
 }
 
-/// In the form of its file.
+/// Serializes in the form of its file.
 impl Serialize for LightSet {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let (format, name) = (FORMAT.to_string(), self.name.clone());

@@ -3,14 +3,14 @@ use glam::{Affine3A, Mat3, Vec2, Vec3};
 use relume_scene::{Camera, Scene, UpAxis, World, load_obj};
 use std::path::Path;
 
-/// What an OBJ file does not say.
+/// View and scale, which an OBJ file does not hold.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjView {
     /// Up axis of the file.
     pub up: UpAxis,
-    /// Where the camera stands, world space (z up), metres; none frames the whole scene from the front.
+    /// Position of the camera, world space (z up), metres; none frames the whole scene from the front.
     pub eye: Option<Vec3>,
-    /// What it looks at; none is the middle of the scene.
+    /// Target of the camera; none is the middle of the scene.
     pub target: Option<Vec3>,
     /// Angle across the longer edge of the picture, degrees.
     pub fov_degrees: f32,

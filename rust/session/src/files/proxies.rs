@@ -1,5 +1,5 @@
 use crate::error::SessionError;
-use crate::files::damage::words;
+use crate::files::damage::damage_message;
 use crate::files::names::{KINDS, measured_path, proxy_path};
 use relume_proxy::{LightKind, Proxy};
 use relume_scene::{Light, LobeFactors};
@@ -19,7 +19,7 @@ pub struct MeanQuality {
     pub flip: f64,
 }
 
-/// How a proxy compares with gathering as many samples, on the same held-out lights.
+/// Errors of a proxy and of gathering as many samples, on the same held-out lights.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// Held-out lights.
@@ -64,8 +64,8 @@ impl TrainedProxy {
         Ok(Some(Self { proxy, measured: None }))
     }
 
-    /// Whether its measured error is below that of gathering so many paths per pixel, whose error falls with the root of their
-    /// number. Unmeasured proxies do not beat anything.
+    /// True if its measured error is below that of gathering so many paths per pixel. The latter falls with the root of
+    /// their number. Unmeasured proxies do not beat anything.
     pub fn beats_gather(&self, denoised: bool, samples: u32) -> bool {
         self.measured.is_some_and(|m| {
             let gather = if denoised { m.gather_denoised } else { m.gather };
@@ -90,7 +90,7 @@ impl Proxies {
                 Ok(Some(trained)) => {
                     let path = measured_path(folder, kind);
                     let measured = read_measured(&path).unwrap_or_else(|reason| {
-                        unusable.push(words(&path, &reason));
+                        unusable.push(damage_message(&path, &reason));
                         None
                     });
                     list.push(TrainedProxy { measured, ..trained });
@@ -101,12 +101,12 @@ impl Proxies {
         (Self { list }, unusable)
     }
 
-    /// Whether there are none.
+    /// True without any proxy.
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }
 
-    /// All of them.
+    /// Iterates over all proxies.
     pub fn iter(&self) -> impl Iterator<Item = &TrainedProxy> {
         self.list.iter()
     }
@@ -116,15 +116,15 @@ impl Proxies {
         self.list.iter().find(|trained| trained.proxy.info().kind == kind)
     }
 
-    /// The proxy that answers for a light: it learned this kind and size, and Blender's default ray visibility. Of a light
-    /// that the camera sees, it gives all but that direct view.
+    /// Proxy for a light: it learned this kind and size, and Blender's default ray visibility. It lacks the direct view
+    /// of a light that the camera sees.
     pub fn covering(&self, light: &Light) -> Option<&TrainedProxy> {
         let unseen = LobeFactors { camera: LobeFactors::default().camera, ..light.lobes };
         let usual = unseen == LobeFactors::default() && light.receivers.is_none();
         self.list.iter().find(|trained| usual && trained.proxy.covers(&light.shape))
     }
 
-    /// [`Proxies::covering`], if the light also is where that proxy has learned lights: what it says of others is a guess.
+    /// [`Proxies::covering`] if the light is in a place that the proxy has learned; elsewhere it extrapolates.
     pub fn knowing(&self, light: &Light) -> Option<&TrainedProxy> {
         self.covering(light).filter(|trained| trained.proxy.has_learned_place(&light.shape))
     }

@@ -1,4 +1,4 @@
-//! What the add-on writes beside a bake. It alone uses that; here it is only checked.
+//! Files that the add-on writes beside a bake. It alone uses them; here they are only checked.
 
 use crate::files::checksum;
 use serde::Deserialize;
@@ -6,27 +6,27 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-type Print = BTreeMap<String, String>;
+type Fingerprint = BTreeMap<String, String>;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read to be checked")]
-struct Shot {
+#[expect(dead_code, reason = "read to be checked")]
+struct ShotRecord {
     format: String,
     version: u32,
     camera: String,
     receivers: Vec<String>,
-    prints: BTreeMap<String, Print>,
+    prints: BTreeMap<String, Fingerprint>,
     #[serde(default)]
-    maps: Print,
+    maps: Fingerprint,
     #[serde(default)]
     checksum: String,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read to be checked")]
-struct Wanted {
+#[expect(dead_code, reason = "read to be checked")]
+struct BakeGoal {
     format: String,
     version: u32,
     samples: u32,
@@ -37,12 +37,12 @@ struct Wanted {
 
 /// Refuses a record of a scene that is not as the add-on wrote it.
 pub(crate) fn check_shot(path: &Path) -> Result<(), String> {
-    check(path, "relume-shot", |text| serde_json::from_str::<Shot>(text).map(drop))
+    check(path, "relume-shot", |text| serde_json::from_str::<ShotRecord>(text).map(drop))
 }
 
 /// Refuses a note of what a bake shall become that is not as the add-on wrote it.
 pub(crate) fn check_wanted(path: &Path) -> Result<(), String> {
-    check(path, "relume-wanted", |text| serde_json::from_str::<Wanted>(text).map(drop))
+    check(path, "relume-wanted", |text| serde_json::from_str::<BakeGoal>(text).map(drop))
 }
 
 fn check(

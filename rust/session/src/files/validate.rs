@@ -5,7 +5,7 @@ use crate::bake::world::WorldLayer;
 use crate::error::SessionError;
 use crate::files::base_layers;
 use crate::files::contents::{self, lost_files};
-use crate::files::damage::{reason_of, words};
+use crate::files::damage::{damage_message, reason_of};
 use crate::files::inspect::info;
 use crate::files::light_set::LightSet;
 use crate::files::names::{
@@ -20,7 +20,7 @@ use relume_image::ViewTransform;
 use relume_proxy::{LightKind, read_info};
 use std::path::Path;
 
-/// Everything that is wrong with a bake folder, proxy, light set or scene file, in words; reads all of it.
+/// Faults of a bake folder, proxy, light set or scene file, all of which is read.
 ///
 /// # Errors
 /// If it is none of these.
@@ -44,16 +44,16 @@ pub fn validate(path: &Path, monitor: &Monitor) -> Result<Vec<String>, SessionEr
     Ok(problems)
 }
 
-/// Of the scene that a folder's proxies should be of.
+/// Scene hash that the proxies of a folder should have.
 fn scene_hash(folder: &Path, manifest: Option<&Manifest>) -> Option<String> {
     let of_base = || base_layers::read(folder).ok().map(|base| base.scene_hash);
     manifest.map(|manifest| manifest.scene_hash.clone()).or_else(of_base)
 }
 
-/// Of the manifest and the shards.
+/// Faults of the manifest and the shards.
 fn faults_of_paths(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let path = folder.join(Manifest::FILE);
-    let altered = (manifest.is_some() && contents::is_altered(&path)).then(|| words(&path, ALTERED));
+    let altered = (manifest.is_some() && contents::is_altered(&path)).then(|| damage_message(&path, ALTERED));
     let faults = Dump::validate_dir(folder).unwrap_or_else(|error| vec![error.to_string()]);
     altered.into_iter().chain(faults).collect()
 }
@@ -63,7 +63,7 @@ const ALTERED: &str = "it is not as Relume wrote it";
 /// Refuses a file that cannot be read.
 type Check<'a> = dyn Fn(&Path) -> Result<(), String> + 'a;
 
-/// Of the small files beside the paths.
+/// Faults of the small files beside the paths.
 fn faults_of_files(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let whole = |result: Result<(), SessionError>| result.map_err(reason_of);
     let world = || manifest.map_or(Ok(()), |manifest| WorldLayer::of_bake(folder, manifest).map(drop));
@@ -86,10 +86,10 @@ fn fault_of_file(path: &Path, check: &Check) -> Option<String> {
         return None;
     }
     let altered = || contents::is_altered(path).then(|| ALTERED.to_string());
-    check(path).err().or_else(altered).map(|reason| words(path, &reason))
+    check(path).err().or_else(altered).map(|reason| damage_message(path, &reason))
 }
 
-/// Of a proxy, its measurement, and the training that it comes from.
+/// Faults of a proxy, its measurement, and its training.
 fn faults_of_proxy(folder: &Path, kind: LightKind, scene_hash: Option<&str>) -> Vec<String> {
     let (proxy, training) = (proxy_path(folder, kind), training_path(folder, kind));
     let hash = match (scene_hash, read_info(&proxy)) {

@@ -3,15 +3,15 @@ use relume_dump::Aovs;
 use relume_image::Image;
 use serde::Deserialize;
 
-/// What a picture may show in place of light.
+/// Feature that a picture shows in place of light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Aov {
     /// Colour of surfaces.
     Albedo,
-    /// Which way surfaces face in the world.
+    /// Direction that surfaces face in the world.
     Normal,
-    /// How far surfaces are, for the eye: black where the nearest is, white where the farthest is or none.
+    /// Distance of surfaces, for the eye: black for the nearest, white for the farthest and the background.
     Depth,
 }
 

@@ -1,9 +1,13 @@
 //! Units that stay on the GPU give the pictures of those on the CPU, and little is copied from there.
 
+use super::LiveOptions;
 use super::LiveRequest;
-use super::bench::{LIGHTS, Shot, boxed, bulbs, dragged, still, strength_edit};
+use super::render_thread::RenderThread;
+use super::shared::Shared;
 use crate::device::compute::Compute;
-use crate::relight::source::UnitSource;
+use crate::error::SessionError;
+use crate::relight::source::{Method, UnitSource};
+use crate::test_box::{boxed, bulbs};
 use relume_dump::Dump;
 use relume_gpu::{Gpu, GpuChoice};
 use relume_image::Image;
@@ -29,7 +33,30 @@ fn on(gpu: &Arc<Gpu>, dump: &Dump) -> Shot {
     Shot::new(dump.clone(), Compute::with(Arc::clone(gpu), false))
 }
 
+/// Render thread that renders on the thread of the caller.
+struct Shot {
+    shared: Arc<Shared>,
+    render_thread: RenderThread,
+}
+
 impl Shot {
+    fn new(dump: Dump, compute: Compute) -> Self {
+        let shared = Arc::new(Shared::default());
+        shared.change(|state| {
+            state.dump = Some(dump);
+            state.deliveries = 1;
+        });
+        let render_thread = RenderThread::new(shared.clone(), LiveOptions::default()).on(compute);
+        Self { shared, render_thread }
+    }
+
+    /// Makes the pictures of a request.
+    fn render(&mut self, request: LiveRequest) -> Result<(), SessionError> {
+        self.shared.ask(request);
+        self.render_thread.render_next();
+        self.shared.lock().picture_error.clone().map_or(Ok(()), |error| Err(SessionError::Settings(error)))
+    }
+
     fn picture(&mut self, request: LiveRequest) -> Image {
         self.render(request).unwrap();
         self.shared.lock().frame.as_ref().unwrap().image.clone()
@@ -51,6 +78,25 @@ impl Shot {
         let all = self.shared.status().warnings;
         all.into_iter().filter(|text| !text.contains("has no denoiser")).collect()
     }
+}
+
+/// The picture of some lights as good as it gets.
+fn still(lights: &[Light]) -> LiveRequest {
+    LiveRequest {
+        lights: lights.to_vec(),
+        world: [1.0; 3],
+        static_light: [1.0; 3],
+        interactive: false,
+        half: None,
+        method: Method::Gather,
+        aov: None,
+        notes: Vec::new(),
+    }
+}
+
+/// One of a drag, of the full size.
+fn dragged(lights: &[Light]) -> LiveRequest {
+    LiveRequest { interactive: true, half: Some(false), ..still(lights) }
 }
 
 /// Sums differ by their order; denoisers take such differences as they are, up to their half floats.
@@ -96,13 +142,6 @@ fn an_edit_copies_one_picture_however_many_lights_there_are() {
     shot.render(dragged(&lights)).unwrap();
     assert_eq!(gpu.bytes_read() - before, (1 + shot.denoised()) * PICTURE);
     assert!(shot.warnings().is_empty());
-}
-
-#[test]
-fn the_edit_that_is_timed_copies_one_picture() {
-    let (seconds, bytes) = strength_edit(&gpu(), SIZE).unwrap();
-    println!("{} lights: {:.2} ms", LIGHTS, 1e3 * seconds);
-    assert_eq!(bytes, PICTURE as f64);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::LiveRequest;
 use super::terms::{LightTerm, TermSource};
-use super::view::{View, shown_statics};
+use super::view::{BakeView, shown_statics};
 use super::world::WorldUnit;
 use crate::error::SessionError;
 use crate::relight::frame::{FrameImages, WeightedImage, downsampled, weighted_sum};
@@ -37,7 +37,7 @@ impl<'a> FrameLayers<'a> {
     /// Layers that are there now. `stand_ins` are the answers of proxies, by term.
     pub fn new(
         request: &LiveRequest,
-        view: &'a View,
+        view: &'a BakeView,
         (units, world): (&'a Units, Option<&'a WorldUnit>),
         terms: &[LightTerm],
         stand_ins: &'a [Option<SharedImage>],
@@ -80,7 +80,7 @@ impl<'a> FrameLayers<'a> {
     fn add_statics(
         &mut self,
         request: &LiveRequest,
-        view: &'a View,
+        view: &'a BakeView,
         world: Option<&'a WorldUnit>,
         quality: FrameQuality,
     ) {
@@ -99,7 +99,7 @@ impl<'a> FrameLayers<'a> {
     }
 
     /// Adds a gathered picture, denoised if that is there.
-    fn add(&mut self, gathered: &'a Gathered, weight: [f32; 3], view: &View, quality: FrameQuality) {
+    fn add(&mut self, gathered: &'a Gathered, weight: [f32; 3], view: &BakeView, quality: FrameQuality) {
         match &gathered.clean {
             Some((passes, clean)) if quality.is_drag || *passes == gathered.passes => {
                 self.images.clean.push(WeightedImage { image: &clean.image, weight });
@@ -114,14 +114,14 @@ impl<'a> FrameLayers<'a> {
     }
 
     /// Scene-linear RGBA, the bottom row first.
-    pub fn image(&self, view: &View, quality: FrameQuality) -> Result<Image, SessionError> {
+    pub fn image(&self, view: &BakeView, quality: FrameQuality) -> Result<Image, SessionError> {
         let alpha = if quality.scale == 2 { &downsampled(&view.aovs.alpha) } else { &view.aovs.alpha };
         self.images.sum(alpha, view.denoise(quality.scale))
     }
 }
 
 /// Least quality of denoising that a frame is content with.
-fn least_quality(view: &View, quality: FrameQuality) -> DenoiseQuality {
+fn least_quality(view: &BakeView, quality: FrameQuality) -> DenoiseQuality {
     if quality.is_drag { DenoiseQuality::Fast } else { view.quality }
 }
 

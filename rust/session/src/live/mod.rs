@@ -1,19 +1,18 @@
-//! A shot that is baked, trained and relit behind the caller's back.
+//! Live shot: baked, trained and relit in the background.
 //!
 //! ```text
-//! caller              work thread                         painter
+//! caller              work thread                         render thread
 //! bake(scene)   -->   paths, pass by pass   --dump-->     units: each light's sum over the passes so far
 //! relight(request) ------------- newest request -------->  frame = weighted sum of units, denoised
 //!                     proxies, kind by kind --proxies-->  stand in while a light is dragged
 //! frame(), status()  <------------------------------------ newest frame
 //! ```
 //!
-//! The caller never waits. Work stands still while a picture is made for the caller or while it is paused; it ends at its
-//! next shard or step when cancelled. A light's unit image grows by one pass at a time, so that a light that moved is
-//! seen after the first and exact after the last, and no pass is gathered twice.
+//! The caller never waits. Work stops while a picture is made for the caller, or while it is paused. A cancel ends it
+//! at its next shard or step. A light's unit image grows by one pass at a time: a moved light is seen after the first
+//! pass and exact after the last. No pass is gathered twice.
 
 mod aov;
-pub(crate) mod bench;
 mod layers;
 mod render_thread;
 mod request;
@@ -41,7 +40,7 @@ use std::time::{Duration, Instant};
 use work_thread::Work;
 pub use world::OtherWorld;
 
-/// Where a live shot computes.
+/// Devices of a live shot.
 #[derive(Clone, Debug, Default)]
 pub struct LiveOptions {
     /// Device.
@@ -72,14 +71,14 @@ impl Live {
         Self { folder: folder.to_path_buf(), options, shared: Arc::default(), threads: Mutex::default() }
     }
 
-    /// Bakes a scene into the folder and shows pictures after every pass, then trains a proxy for so many seconds for each
-    /// kind of light in use. Goes on with a bake of the same scene and settings, replaces one of another, and where `anew` is asked
-    /// for also a whole one whose paths look for other lights than the present ones. The paths of each pass look for where the lights
-    /// of the newest request are. Where all paths are there, but of another world, the scene's is shown as by [`Live::show_world`];
-    /// where some are missing or it is done `anew`, they are traced again.
+    /// Bakes a scene into the folder and shows pictures after every pass. Then it trains a proxy for so many seconds
+    /// for each kind of light in use. It goes on with a bake of the same scene and settings, and replaces one of
+    /// another. `anew` also replaces a whole one whose paths are guided towards other lights than the present ones. The
+    /// paths of each pass are guided towards the lights of the newest request. If only the world differs from a whole
+    /// bake, it is shown as by [`Live::show_world`].
     ///
     /// # Errors
-    /// If work is going on already. What goes wrong later is in [`Live::status`].
+    /// If work is going on already. Later errors are in [`Live::status`].
     pub fn bake(
         &self,
         scene: Arc<Scene>,
@@ -93,28 +92,28 @@ impl Live {
     /// Shows what the folder holds, and trains if asked and not trained yet.
     ///
     /// # Errors
-    /// As [`Live::bake`].
+    /// Fails like [`Live::bake`].
     pub fn open(&self, train_seconds: f64) -> Result<(), SessionError> {
         self.start(Work::Open, train_seconds)
     }
 
-    /// Trains a proxy for so many seconds for each kind of light in use that has none yet ([`LiveStatus::unlearned`]), on the whole
-    /// bake that is shown.
+    /// Trains a proxy for so many seconds for each kind of light in use without one ([`LiveStatus::unlearned`]), on the
+    /// whole bake that is shown.
     ///
     /// # Errors
-    /// As [`Live::bake`].
+    /// Fails like [`Live::bake`].
     pub fn learn(&self, train_seconds: f64) -> Result<(), SessionError> {
         self.start(Work::Learn, train_seconds)
     }
 
-    /// Asks for a picture; the newest request wins. Gives the number that its frames carry.
+    /// Asks for a picture; the newest request wins. Returns the number that its frames carry.
     pub fn relight(&self, request: LiveRequest) -> u64 {
         self.shared.ask(request)
     }
 
-    /// Asks for a picture under another world from now on, gathered from the same paths: also while they are being traced. Factors of
-    /// requests on its light are relative to its own colour. It is stored in the folder and shown when that is opened again, unless
-    /// it is the one that the paths were traced with. Gives the number that the frames of the request carry.
+    /// Shows another world from now on, gathered from the same paths, also while they are traced. Factors of requests
+    /// on its light are relative to its own colour. It is stored in the folder for the next time, unless it is the one
+    /// that the paths were traced with. Returns the number that the frames of the request carry.
     ///
     /// # Errors
     /// If the light of another world cannot be removed from the folder.
@@ -131,12 +130,12 @@ impl Live {
         self.shared.lock().frame.clone().filter(|frame| frame.shown.serial > newer_than)
     }
 
-    /// What is going on.
+    /// Present status.
     pub fn status(&self) -> LiveStatus {
         self.shared.status()
     }
 
-    /// Lets baking and training stand still, or go on. Relighting always goes on.
+    /// Pauses baking and training, or lets them go on. Relighting always goes on.
     pub fn pause(&self, paused: bool) {
         self.shared.change(|state| state.status.paused = paused);
     }
@@ -182,7 +181,7 @@ impl Live {
             threads.render = Some(spawn("relume-render", Box::new(move || thread.run()))?);
         }
         let cancel = Cancel::default();
-        let job = work_thread::Job {
+        let job = work_thread::WorkRun {
             work,
             train_seconds,
             folder: self.folder.clone(),

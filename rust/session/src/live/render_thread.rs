@@ -1,7 +1,7 @@
 use super::layers::{FrameLayers, FrameQuality, noise};
 use super::shared::{Frame, LiveState, Shared, Shown, State};
 use super::terms::{LightTerm, TermSource, light_terms};
-use super::view::{Delivered, View, shown_statics};
+use super::view::{BakeView, Delivered, shown_statics};
 use super::world::WorldUnit;
 use super::{Aov, LiveOptions, LiveRequest};
 use crate::bake::world::forget;
@@ -22,39 +22,39 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// TermSource long a light that is being dragged is gathered before it is shown.
+/// Time for which a dragged light is gathered before it is shown.
 const DRAG_BUDGET: Duration = Duration::from_millis(60);
-/// TermSource often a picture that is still growing is shown.
+/// Time between pictures of one that still grows.
 const SHOW_EVERY: Duration = Duration::from_millis(400);
 /// Pictures of a drag that take longer are made at half the size, and shorter ones at full size again.
 const SLOW: Duration = Duration::from_millis(50);
 const QUICK: Duration = Duration::from_millis(12);
 
-/// The thread that makes pictures of what the work delivers under the newest request.
+/// Thread that renders what the work delivers under the newest request.
 pub(super) struct RenderThread {
     shared: Arc<Shared>,
     options: LiveOptions,
     compute: Compute,
     monitor: Monitor,
-    view: Option<View>,
+    view: Option<BakeView>,
     units: Units,
-    /// The world that is shown in place of the paths' own.
+    /// World that is shown in place of the paths' own.
     world: Option<WorldUnit>,
-    /// Bake folder that the light of such a world is stored in.
+    /// Bake folder that stores the light of such a world.
     folder: Option<PathBuf>,
     /// Request and delivery that were rendered last.
     rendered: (u64, u64),
     serial: u64,
-    /// Whether nothing of this bake was shown yet.
+    /// True until something of this bake was shown.
     first_frame: bool,
     /// 1, or 2 on machines that are too slow for the full size in a drag.
     drag_scale: usize,
 }
 
-/// What the painter's helpers have to say goes to the status.
-struct Notes(Arc<Shared>);
+/// Listener that passes warnings on to the status.
+struct StatusListener(Arc<Shared>);
 
-impl Listener for Notes {
+impl Listener for StatusListener {
     fn progress(&self, _: &Progress) {}
 
     fn warning(&self, message: &str) {
@@ -64,7 +64,7 @@ impl Listener for Notes {
 
 impl RenderThread {
     pub fn new(shared: Arc<Shared>, options: LiveOptions) -> Self {
-        let monitor = Monitor::new(Arc::new(Notes(shared.clone())), Cancel::default());
+        let monitor = Monitor::new(Arc::new(StatusListener(shared.clone())), Cancel::default());
         let compute = Compute::default();
         let (units, rendered) = (Units::default(), (0, 0));
         Self {
@@ -83,17 +83,18 @@ impl RenderThread {
         }
     }
 
-    /// The same on a device that is open.
+    /// Sets a device that is open.
+    #[cfg(test)]
     pub fn on(self, compute: Compute) -> Self {
         Self { compute, ..self }
     }
 
-    /// The same, that stores the light of another world in a bake folder.
+    /// Sets the bake folder in which the light of another world is stored.
     pub fn storing_in(self, folder: &Path) -> Self {
         Self { folder: Some(folder.to_path_buf()), ..self }
     }
 
-    /// Paints until the shot is closed.
+    /// Renders until the shot is closed.
     pub fn run(mut self) {
         let threads = self.options.threads;
         let outcome =
@@ -101,7 +102,7 @@ impl RenderThread {
         if outcome.is_err() {
             self.shared.change(|state| {
                 state.rendering = false;
-                state.picture_error = Some("internal error while painting; please report it".into());
+                state.picture_error = Some("internal error while rendering; please report it".into());
             });
         }
     }
@@ -119,7 +120,7 @@ impl RenderThread {
         while self.render_next() {}
     }
 
-    /// Waits for something new and paints it; false once the shot is closed.
+    /// Waits for something new and renders it; false once the shot is closed.
     pub fn render_next(&mut self) -> bool {
         let Some(request) = self.next() else { return false };
         let outcome = self.render(&request);
@@ -137,12 +138,12 @@ impl RenderThread {
         }
     }
 
-    /// Waits for something new and takes it over; nothing once the shot is closed.
+    /// Waits for something new and takes it over; none once the shot is closed.
     fn next(&mut self) -> Option<Arc<LiveRequest>> {
         let shared = self.shared.clone();
         loop {
             let rendered = self.rendered;
-            let mut state = shared.wait_while(|state| !is_new(state, rendered));
+            let mut state = shared.wait_while(|state| !has_news(state, rendered));
             if state.closed {
                 return None;
             }
@@ -159,7 +160,7 @@ impl RenderThread {
                 self.world = world.map(|world| WorldUnit::of(world, view, before));
                 match works {
                     true => view.share_machine(),
-                    false => view.rest(&self.compute),
+                    false => view.prepare_for_rest(&self.compute),
                 }
                 return Some(request);
             }
@@ -172,7 +173,7 @@ impl RenderThread {
         let before = self.view.take();
         let known = before.as_ref().map(|view| view.bake.clone());
         let new_proxies = delivered.proxies.is_some();
-        self.view = View::new(delivered, &self.compute, before);
+        self.view = BakeView::new(delivered, &self.compute, before);
         if known != self.view.as_ref().map(|view| view.bake.clone()) {
             self.units = Units::default();
             self.first_frame = true;
@@ -181,7 +182,7 @@ impl RenderThread {
         }
     }
 
-    /// Makes pictures for a request. Where the GPU fails that units are on, once more without those.
+    /// Renders a request. If the GPU fails that holds units, it tries once more without those.
     fn render(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         match self.try_render(request) {
             Err(error) if error.is_of_gpu() && self.units.leave_gpu() => self.try_render(request),
@@ -214,11 +215,11 @@ impl RenderThread {
         outcome
     }
 
-    /// As much as there is time for, once.
+    /// Renders one picture of a drag, as good as time allows.
     fn render_drag(
         &mut self,
         request: &LiveRequest,
-        view: &View,
+        view: &BakeView,
         terms: &[LightTerm],
     ) -> Result<(), SessionError> {
         let start = Instant::now();
@@ -229,18 +230,18 @@ impl RenderThread {
                 || term.source == TermSource::Gather
                     && (proxied || self.units.get(&term.light).is_some_and(|unit| unit.gathered.has_clean()))
         };
-        let wanted = |number: usize, term: &LightTerm| match term.source {
+        let is_needed = |number: usize, term: &LightTerm| match term.source {
             TermSource::FirstView => self.is_waiting(request, view, &terms[number + 1], true),
             _ => !replaced(&term),
         };
-        let new = lights(terms, wanted);
+        let new = lights(terms, is_needed);
         while self.advance(&new, view)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
             }
         }
-        let wanted = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
-        let scale = if view.can_be_halved() { wanted } else { 1 };
+        let scale = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
+        let scale = if view.can_be_halved() { scale } else { 1 };
         self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
         let took = start.elapsed();
         if took > SLOW {
@@ -251,12 +252,12 @@ impl RenderThread {
         Ok(())
     }
 
-    /// Everything that the paths so far can give, shown as it grows; first with all noise denoised at once, then light by
-    /// light, so that later edits of colour and strength only sum.
+    /// Renders a picture at rest, shown as it grows. At first all noise is denoised at once, then light by light: later
+    /// edits of colour and strength are only sums.
     fn render_still(
         &mut self,
         request: &LiveRequest,
-        view: &mut View,
+        view: &mut BakeView,
         terms: &[LightTerm],
     ) -> Result<(), SessionError> {
         let gathered = self.gathered(request, view, terms);
@@ -286,8 +287,8 @@ impl RenderThread {
         Ok(())
     }
 
-    /// Lights that are summed over all paths, and those of which a glimpse is wanted.
-    fn gathered(&self, request: &LiveRequest, view: &View, terms: &[LightTerm]) -> Vec<Light> {
+    /// Lights that are summed over all paths, and those whose direct view is needed at once.
+    fn gathered(&self, request: &LiveRequest, view: &BakeView, terms: &[LightTerm]) -> Vec<Light> {
         let is_begun = |term: &LightTerm| self.units.passes(&term.light) > 0;
         lights(terms, |number, term| match term.source {
             TermSource::Gather | TermSource::DirectView => true,
@@ -298,8 +299,8 @@ impl RenderThread {
         })
     }
 
-    /// Whether a proxy stands in for what is still to be summed.
-    fn is_waiting(&self, request: &LiveRequest, view: &View, term: &LightTerm, drag: bool) -> bool {
+    /// True if a proxy stands in for a sum that is not complete.
+    fn is_waiting(&self, request: &LiveRequest, view: &BakeView, term: &LightTerm, drag: bool) -> bool {
         let is_there = self.units.get(&term.light).is_some_and(|unit| {
             unit.gathered.passes >= view.passes.len() || (drag && unit.gathered.has_clean())
         });
@@ -310,7 +311,7 @@ impl RenderThread {
     }
 
     /// Gathers one more pass of another world and of some of the lights; false if none is behind.
-    fn advance(&mut self, lights: &[Light], view: &View) -> Result<bool, SessionError> {
+    fn advance(&mut self, lights: &[Light], view: &BakeView) -> Result<bool, SessionError> {
         let world = match &mut self.world {
             Some(world) => world.advance(view, &self.compute, &self.monitor)?,
             None => false,
@@ -322,7 +323,7 @@ impl RenderThread {
     }
 
     /// Stores the light of another world for when the bake is opened again, once no more paths are to be expected.
-    fn store_world(&mut self, view: &View) {
+    fn store_world(&mut self, view: &BakeView) {
         let (Some(world), Some(folder)) = (&mut self.world, &self.folder) else { return };
         let may_store =
             |state: &State| state.status.state != LiveState::Baking && world.is_of(state.world.as_ref());
@@ -348,9 +349,9 @@ impl RenderThread {
     }
 
     /// Denoises stale pictures one at a time; false if something newer came up.
-    fn refine(&mut self, view: &mut View, terms: &[LightTerm]) -> Result<bool, SessionError> {
+    fn refine(&mut self, view: &mut BakeView, terms: &[LightTerm]) -> Result<bool, SessionError> {
         let (denoise, quality) = (&view.denoise[0], view.quality);
-        let stop = || is_new(&self.shared.lock(), self.rendered);
+        let stop = || has_news(&self.shared.lock(), self.rendered);
         for term in terms.iter().filter(|term| term.source == TermSource::Gather) {
             let gathered = &mut self.units.of(&term.light).gathered;
             if !gathered.is_done(quality) && !gathered.denoise(denoise, quality, Some(&stop))? {
@@ -370,17 +371,17 @@ impl RenderThread {
         Ok(true)
     }
 
-    /// Whether another picture is asked for.
+    /// True if another picture is asked for.
     fn is_outdated(&self) -> bool {
         let state = self.shared.lock();
         state.closed || state.requests != self.rendered.0
     }
 
-    /// Sums, denoises what is noisy, and hands the frame over. True if nothing in it was noisy.
+    /// Sums, denoises what is noisy, and publishes the frame. True if nothing in it was noisy.
     fn show(
         &mut self,
         request: &LiveRequest,
-        view: &View,
+        view: &BakeView,
         terms: &[LightTerm],
         quality: FrameQuality,
     ) -> Result<bool, SessionError> {
@@ -398,18 +399,18 @@ impl RenderThread {
             None
         };
         let (scale, samples, sources) = (quality.scale, layers.samples, layers.sources);
-        self.hand_over(image, |shown| Shown { scale, samples, sources, denoised, settled, noise, ..shown });
+        self.publish(image, |shown| Shown { scale, samples, sources, denoised, settled, noise, ..shown });
         Ok(settled)
     }
 
-    /// Surfaces as the paths have met them, whatever the lights are.
-    fn show_aov(&mut self, aov: Aov, view: &View) {
+    /// Shows surfaces as the paths met them, whatever the lights are.
+    fn show_aov(&mut self, aov: Aov, view: &BakeView) {
         let samples = view.samples();
-        self.hand_over(aov.image(&view.aovs), |shown| Shown { samples, ..shown });
+        self.publish(aov.image(&view.aovs), |shown| Shown { samples, ..shown });
     }
 
-    /// The newest frame is this picture. `describe` changes what is said of it: that it is of the full size and all there is to come.
-    fn hand_over(&mut self, image: Image, describe: impl FnOnce(Shown) -> Shown) {
+    /// Publishes a frame. `describe` changes its defaults: full size, and nothing better to come.
+    fn publish(&mut self, image: Image, describe: impl FnOnce(Shown) -> Shown) {
         self.serial += 1;
         let shown = describe(Shown {
             serial: self.serial,
@@ -429,11 +430,11 @@ impl RenderThread {
         });
     }
 
-    /// What proxies say, for the terms that are theirs, and for those that wait for more paths.
+    /// Answers of proxies, for their own terms and for those that wait for more paths.
     fn stand_ins(
         &mut self,
         request: &LiveRequest,
-        view: &View,
+        view: &BakeView,
         terms: &[LightTerm],
         quality: FrameQuality,
     ) -> Result<Vec<Option<SharedImage>>, SessionError> {
@@ -453,14 +454,14 @@ impl RenderThread {
     }
 }
 
-/// Of some terms, by their numbers.
-fn lights(terms: &[LightTerm], wanted: impl Fn(usize, &LightTerm) -> bool) -> Vec<Light> {
-    let wanted = terms.iter().enumerate().filter(|(number, term)| wanted(*number, term));
-    wanted.map(|(_, term)| term.light.clone()).collect()
+/// Lights of some terms, chosen by number and term.
+fn lights(terms: &[LightTerm], is_needed: impl Fn(usize, &LightTerm) -> bool) -> Vec<Light> {
+    let needed = terms.iter().enumerate().filter(|(number, term)| is_needed(*number, term));
+    needed.map(|(_, term)| term.light.clone()).collect()
 }
 
-/// Whether there is something that was not rendered yet.
-fn is_new(state: &State, rendered: (u64, u64)) -> bool {
+/// True if something was not rendered yet.
+fn has_news(state: &State, rendered: (u64, u64)) -> bool {
     let something = state.dump.is_some() || state.base.is_some();
     state.closed || something && state.request.is_some() && (state.requests, state.deliveries) != rendered
 }

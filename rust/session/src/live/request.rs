@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 use std::collections::HashMap;
 
-/// What picture is asked for.
+/// Request for a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LiveRequest {
     /// The lights, with their gains multiplied in.
@@ -15,15 +15,15 @@ pub struct LiveRequest {
     pub world: [f32; 3],
     /// Factor on what the scene itself emits.
     pub static_light: [f32; 3],
-    /// Whether something is being dragged: quick before exact, and another request follows.
+    /// True during a drag: quick before exact, and another request follows.
     pub interactive: bool,
-    /// Whether an interactive picture has half the size; where nothing is said, on machines that are too slow for the full one.
+    /// True for half the size during a drag; by default on machines that are too slow for the full one.
     pub half: Option<bool>,
     /// Method that makes the pictures.
     pub method: Method,
-    /// What is shown in place of the lights.
+    /// Feature that is shown in place of the lights.
     pub aov: Option<Aov>,
-    /// What was changed on reading the lights, in words for the user.
+    /// Changes made on reading the lights, for the user.
     pub notes: Vec<String>,
 }
 
@@ -34,19 +34,19 @@ pub struct LiveRequest {
 pub struct RequestOptions {
     /// Factors on the light of lights, by their names.
     pub gains: HashMap<String, [f32; 3]>,
-    /// As [`LiveRequest::world`].
+    /// Factor on the world's light.
     pub world: [f32; 3],
-    /// As [`LiveRequest::static_light`].
+    /// Factor on the light of emissive surfaces.
     #[serde(rename = "static")]
     pub static_light: [f32; 3],
-    /// As [`LiveRequest::interactive`].
+    /// Quick before exact.
     pub interactive: bool,
-    /// As [`LiveRequest::half`].
+    /// Half the size while interactive; by default on slow machines.
     pub half: Option<bool>,
-    /// As [`LiveRequest::method`].
+    /// Method that makes the pictures.
     #[serde(rename = "with")]
     pub method: Method,
-    /// As [`LiveRequest::aov`].
+    /// Layer that is shown in place of the lights.
     pub aov: Option<Aov>,
 }
 
@@ -95,7 +95,7 @@ impl LiveRequest {
         Self::from_json(serde_json::from_str(text).map_err(|error| error.to_string())?)
     }
 
-    /// As [`LiveRequest::parse`], of a part of some JSON.
+    /// Reads a request that is part of some JSON.
     pub(crate) fn from_json(mut fields: Map<String, Value>) -> Result<Self, String> {
         let lights = fields.remove("lights").ok_or("a request needs \"lights\"")?;
         let options = serde_json::from_value(Value::Object(fields)).map_err(|error| error.to_string())?;

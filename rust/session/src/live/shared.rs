@@ -13,20 +13,20 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What a live shot is doing.
+/// Activity of a live shot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LiveState {
-    /// Nothing was started yet.
+    /// Initial state.
     #[default]
     Empty,
-    /// Trees and textures of the scene are made, or files are opened.
+    /// Preparing the scene, or opening files.
     Preparing,
-    /// Paths are traced.
+    /// Tracing paths.
     Baking,
-    /// A proxy is trained.
+    /// Training a proxy.
     Training,
-    /// All is done.
+    /// Work is complete.
     Ready,
     /// Work was cancelled.
     Cancelled,
@@ -35,65 +35,65 @@ pub enum LiveState {
 }
 
 impl LiveState {
-    /// Whether paths are traced or a proxy is trained, or soon will be.
+    /// True if paths are traced or a proxy is trained, or soon will be.
     pub(super) fn is_working(self) -> bool {
         matches!(self, Self::Preparing | Self::Baking | Self::Training)
     }
 }
 
-/// What there is to say about a live shot.
+/// Status of a live shot.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LiveStatus {
-    /// What is going on.
+    /// Present activity.
     pub state: LiveState,
-    /// Whether baking and training stand still.
+    /// True while baking and training are paused.
     pub paused: bool,
-    /// How far the present stage is.
+    /// Progress of the present stage.
     pub stage: Option<Progress>,
     /// Paths per pixel so far.
     pub samples: u32,
     /// Paths per pixel at the end.
     pub samples_total: u32,
-    /// Radiance of the world that is shown, or the factor on its texture; that of the paths' own as it was when the bake began:
-    /// factors of requests on its light are relative to that. None without paths.
+    /// Radiance of the world that is shown, or the factor on its texture. Factors of requests on its light are relative
+    /// to this. None without paths. For the paths' own world it is the value at the start of the bake.
     pub world_color: Option<[f32; 3]>,
     /// The world that is shown ([`relume_scene::Scene::world_map`]). None without paths.
     pub world_map: Option<String>,
-    /// Whether whoever opens the folder sees that world.
+    /// True if that world is shown when the folder is opened again.
     pub world_is_stored: bool,
     /// Trained proxies by kind of light.
     pub proxies: BTreeMap<String, ProxyStatus>,
     /// Kinds of light in the newest request that have no such proxy, although there are proxies of them. None while something is
     /// being dragged.
     pub unlearned: Vec<String>,
-    /// Paths per pixel that each training of the work under way is done on, of those that have not ended, in turn: as far as the
-    /// kinds of light in the newest request tell.
+    /// Paths per pixel of each training that the present work has not ended, in turn. Kinds of light are those of the
+    /// newest request.
     pub to_learn: Vec<u32>,
-    /// Where pictures are made, in words.
+    /// Device that pictures are made on, in words.
     pub device: String,
-    /// What cannot be represented, or is to be trusted less, in words for the user.
+    /// Warnings about things that are left out, or less exact, for the user.
     pub warnings: Vec<String>,
     /// Lights of the newest request that hardly any path meets where they are now, while new paths would.
     pub rarely_met: Vec<String>,
-    /// Why work or painting ended.
+    /// Reason why work or rendering ended.
     pub error: Option<String>,
     /// The newest frame.
     pub shown: Option<Shown>,
 }
 
-/// How good a proxy is, on lights that it never saw.
+/// Errors of a proxy, on lights that it never saw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProxyStatus {
     /// dB, tonemapped.
     pub psnr: f64,
-    /// Of the proxy.
+    /// SMAPE of the proxy.
     pub smape: f64,
-    /// Of gathering and denoising as many samples.
+    /// SMAPE of gathering and denoising as many samples.
     pub gather_smape: f64,
 }
 
-/// What a frame shows.
+/// Description of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shown {
     /// Number of the frame, from 1.
@@ -107,13 +107,13 @@ pub struct Shown {
     /// Source of each light's picture, by its name.
     #[serde(rename = "makers")]
     pub sources: BTreeMap<String, UnitSource>,
-    /// Whether what was summed over paths is denoised.
+    /// True if the sums over paths are denoised.
     pub denoised: bool,
-    /// Whether nothing better will come for this request from what the work has delivered.
+    /// True if nothing better will come for this request from the present delivery.
     pub settled: bool,
-    /// Of a settled picture: the noise of all that was summed over paths, before it was denoised, as the errors of proxies are
-    /// measured ([`relume_image::metrics::smape`], which few bright pixels do not outweigh). Estimated from the newest pass beside
-    /// those before it; nothing where a light has a single pass only or no light is summed.
+    /// Noise of all sums over paths in a settled picture, before denoising, as SMAPE
+    /// ([`relume_image::metrics::smape`]), like the errors of proxies. Estimated from the newest pass beside those
+    /// before it. None if a light has a single pass, or no light is summed.
     pub noise: Option<f32>,
     /// Deliveries of the work that are in it.
     #[serde(skip)]
@@ -125,18 +125,18 @@ pub struct Shown {
 pub struct Frame {
     /// Scene-linear RGBA with the film's alpha; **bottom row first**, as Blender's textures are.
     pub image: Image,
-    /// What it shows.
+    /// Description of the picture.
     pub shown: Shown,
 }
 
-/// Where the caller, the work and the painter meet.
+/// State that caller, work thread and render thread share.
 #[derive(Default)]
 pub(super) struct Shared {
     state: Mutex<State>,
     changed: Condvar,
 }
 
-/// Everything behind the lock.
+/// State behind the lock.
 #[derive(Default)]
 pub(super) struct State {
     pub request: Option<Arc<LiveRequest>>,
@@ -144,35 +144,35 @@ pub(super) struct State {
     pub requests: u64,
     /// Whole passes of the bake so far.
     pub dump: Option<Dump>,
-    /// What is shown in place of the world that its paths were traced with.
+    /// World that is shown in place of the one that the paths were traced with.
     pub world: Option<Arc<OtherWorld>>,
-    /// What its paths look for.
+    /// Lights that its paths are guided towards.
     pub guiding_record: GuidingRecord,
     /// Folder of proxies alone, for a shot without paths.
     pub base: Option<Arc<crate::files::base_layers::BaseLayers>>,
-    /// Proxies that the painter has not taken yet.
+    /// Proxies that the render thread has not taken yet.
     pub proxies: Option<Proxies>,
-    /// How all proxies were measured.
+    /// Measured errors of all proxies.
     pub measured: Vec<(LightKind, Measured)>,
-    /// When lights are learned in the work under way.
-    pub learning: Learning,
-    /// Counts what work has delivered.
+    /// Trainings of the work under way.
+    pub training_plan: TrainingPlan,
+    /// Number of deliveries of the work.
     pub deliveries: u64,
     pub frame: Option<Arc<Frame>>,
     pub status: LiveStatus,
-    /// Of the newest request alone.
+    /// Warnings about the newest request alone.
     pub light_warnings: Vec<String>,
-    /// Why there is no picture of it.
+    /// Reason why there is no picture of it.
     pub picture_error: Option<String>,
-    /// Whether the painter makes a picture that the caller waits for.
+    /// True while a picture is made that the caller waits for.
     pub rendering: bool,
     pub closed: bool,
 }
 
-/// What is still to be learned in a run of the work thread, and for how long.
+/// Trainings that are to come in a run of the work thread.
 #[derive(Default)]
-pub(super) struct Learning {
-    /// For each kind of light.
+pub(super) struct TrainingPlan {
+    /// Seconds for each kind of light.
     pub seconds: f64,
     /// Paths per pixel after which all kinds are learned that were not from half as many, in turn.
     pub rounds: VecDeque<u32>,
@@ -202,7 +202,7 @@ impl Shared {
         !state.closed
     }
 
-    /// Takes the world that is to be shown. Whether it is the one that the paths were traced with.
+    /// Sets the world that is shown. True if it is the one that the paths were traced with.
     pub fn show_world(&self, world: Arc<OtherWorld>) -> bool {
         let mut state = self.lock();
         state.world = Some(world);
@@ -270,7 +270,7 @@ impl State {
         let mut list = Vec::new();
         for kind in kinds {
             let mut learned_from = self.learned_from(kind);
-            for samples in self.learning.rounds.iter().copied() {
+            for samples in self.training_plan.rounds.iter().copied() {
                 if !is_enough(learned_from, samples) {
                     learned_from = Some(samples / 2);
                     list.push(samples);
@@ -281,21 +281,23 @@ impl State {
         list
     }
 
-    /// Whether there is a proxy that learned for as long as is asked for, from at least half of the paths that there are now.
+    /// True if a proxy learned for the time asked for, from at least half of the present paths.
     pub fn is_trained(&self, kind: LightKind) -> bool {
         let samples = self.dump.as_ref().map_or(0, |dump| dump.manifest().samples());
         is_enough(self.learned_from(kind), samples)
     }
 
-    /// Paths per pixel that a kind of light was learned from, the half that it was not measured on, for as long as is asked for.
+    /// Paths per pixel that a kind of light was learned from, for the time asked for. That is the half that it was not
+    /// measured on.
     fn learned_from(&self, kind: LightKind) -> Option<u32> {
-        let long_enough =
-            |measured: &Measured| measured.seconds.is_none_or(|seconds| seconds >= self.learning.seconds);
+        let long_enough = |measured: &Measured| {
+            measured.seconds.is_none_or(|seconds| seconds >= self.training_plan.seconds)
+        };
         let found = self.measured.iter().filter(|(of, measured)| *of == kind && long_enough(measured));
         found.map(|(_, measured)| measured.samples).max()
     }
 
-    /// Says which world is shown: the paths' own needs no other in its place.
+    /// Notes which world is shown. The paths' own is shown without another in its place.
     pub fn note_world(&mut self) {
         let Some(dump) = &self.dump else { return };
         let own = own_world(dump.manifest());
@@ -312,12 +314,12 @@ impl State {
     }
 }
 
-/// Whether to have learned from so many paths per pixel, as many again being left to measure on, does for so many.
+/// True if learning from so many paths per pixel, with as many left to measure on, is enough for so many.
 fn is_enough(learned_from: Option<u32>, samples: u32) -> bool {
     learned_from.is_some_and(|half| 4 * half >= samples)
 }
 
-/// Passes progress on, and holds work up while it is paused or the painter needs the machine.
+/// Listener that passes progress on, and blocks work while it is paused or the render thread needs the machine.
 pub(super) struct Gate {
     pub shared: Arc<Shared>,
     pub cancel: Cancel,
@@ -370,13 +372,13 @@ mod tests {
         let mut state =
             State { request: Some(request(vec![sphere.clone(), sun.clone()])), ..State::default() };
         assert!(state.to_learn().is_empty(), "nothing is going on");
-        state.learning = Learning { seconds: 60.0, rounds: [64, 256].into() };
+        state.training_plan = TrainingPlan { seconds: 60.0, rounds: [64, 256].into() };
         assert_eq!(state.to_learn(), [64, 256]);
-        state.learning.rounds = [64, 128].into();
+        state.training_plan.rounds = [64, 128].into();
         assert_eq!(state.to_learn(), [64], "twice as many paths are not worth it");
         state.request = Some(request(vec![sphere.clone(), point, sphere]));
         assert_eq!(state.to_learn(), [64, 64]);
-        state.learning.rounds = [64, 256].into();
+        state.training_plan.rounds = [64, 256].into();
         assert_eq!(state.to_learn(), [64, 64, 256, 256]);
         state.measured = vec![(LightKind::Sphere, measured(32, 60.0))];
         assert_eq!(state.to_learn(), [64, 256, 256], "one is learned");

@@ -1,5 +1,5 @@
 use super::LiveRequest;
-use super::view::View;
+use super::view::BakeView;
 use crate::files::proxies::Proxies;
 use crate::relight::notes::{LightNotes, extrapolated, outside_of_training, without_proxy};
 use crate::relight::source::{Method, UnitSource, camera_only};
@@ -25,7 +25,7 @@ pub(super) enum TermSource {
 }
 
 /// Terms of all lights that shine, and notes on those.
-pub(super) fn light_terms(request: &LiveRequest, view: &View) -> (Vec<LightTerm>, LightNotes) {
+pub(super) fn light_terms(request: &LiveRequest, view: &BakeView) -> (Vec<LightTerm>, LightNotes) {
     let (proxies, first_pass) = (view.proxies.proxies(), view.passes.first());
     let mut notes = LightNotes { warnings: request.notes.clone(), ..LightNotes::default() };
     let (mut terms, mut unlearned) = (Vec::new(), Vec::new());
@@ -66,7 +66,7 @@ fn has_proxy(light: &Light, proxies: &Proxies) -> bool {
     LightKind::of(&light.shape).is_some_and(|kind| proxies.of(kind).is_some())
 }
 
-fn source(light: &Light, method: Method, view: &View) -> Result<TermSource, String> {
+fn source(light: &Light, method: Method, view: &BakeView) -> Result<TermSource, String> {
     let pass = view.passes.first();
     // Without paths there are only proxies.
     let method = if pass.is_some() { method } else { Method::Auto };

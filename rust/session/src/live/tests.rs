@@ -1,7 +1,7 @@
 mod folders;
 mod world;
 
-use super::view::{Delivered, View};
+use super::view::{BakeView, Delivered};
 use super::*;
 use crate::bake::bake;
 use crate::device::compute::Compute;
@@ -41,7 +41,7 @@ fn live(folder: &Path) -> Live {
     Live::new(folder, LiveOptions { device: Device::Cpu, gpu_memory: None, threads: 2 })
 }
 
-/// A bake that is open: pictures from now on are the best that there are of it, since no work goes on beside the painter.
+/// A bake that is open: pictures from now on are the best that there are of it, since no work goes on beside the render thread.
 fn opened(folder: &Path, device: Device) -> Live {
     let live = Live::new(folder, LiveOptions { device, gpu_memory: None, threads: 2 });
     live.open(0.0).unwrap();
@@ -94,7 +94,7 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     let shared = Shared::default();
     shared.change(|state| state.dump = Some(dump));
     let compute = Compute::default();
-    let view = View::new(Delivered::take(&mut shared.lock()), &compute, None).unwrap();
+    let view = BakeView::new(Delivered::take(&mut shared.lock()), &compute, None).unwrap();
     let mut units = Units::default();
     let mut rounds = 0;
     let gather = |pass: &DeviceGather, lights: &[Light]| {
@@ -115,7 +115,7 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     }
 }
 
-/// What [`Relighter`] makes of lights, for F12 and the command line.
+/// Picture by [`Relighter`], as for F12 and the command line.
 fn relit(folder: &Path, lights: &[Light]) -> Image {
     let lights = request(lights).lights;
     let relit =

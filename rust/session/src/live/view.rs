@@ -13,33 +13,33 @@ use relume_dump::{AovSums, Aovs, Dump};
 use relume_gather::{DenoiseQuality, Gather};
 use std::sync::Arc;
 
-/// How well features are denoised that more paths will renew.
+/// Quality of denoised features that more paths will renew.
 const PASSING: DenoiseQuality = DenoiseQuality::Fast;
 
-/// What there is to make pictures from: whole passes, features, static layers, proxies.
-pub(super) struct View {
+/// Inputs of pictures: whole passes, features, static layers, proxies.
+pub(super) struct BakeView {
     /// Deliveries of the work that are in it.
     pub deliveries: u64,
-    /// Which bake it is of.
+    /// Identity of the bake.
     pub bake: String,
     pub aovs: Aovs,
-    /// What `aovs` are the means of; nothing without paths.
+    /// Sums behind `aovs`; empty without paths.
     sums: AovSums,
     pub passes: Vec<DeviceGather>,
     /// Light of the scene's own emitters, and of the world.
     pub statics: [StaticLayer; 2],
     pub proxies: DeviceProxies,
-    /// For the full size, and for half of it.
+    /// Denoisers for the full size, and for half of it.
     pub denoise: [Denoise; 2],
-    /// How often the paths meet lights.
+    /// Coverage of lights by the paths.
     pub coverage: Option<GuideCoverage>,
     /// Paths per pixel behind the features that the denoisers use, and how well those are denoised themselves.
     features: (u32, DenoiseQuality),
-    /// What settled pictures are denoised with.
+    /// Quality that settled pictures are denoised at.
     pub quality: DenoiseQuality,
 }
 
-/// What the work has delivered since it was last asked.
+/// Deliveries of the work since the last were taken.
 pub(super) struct Delivered {
     deliveries: u64,
     dump: Option<Dump>,
@@ -60,8 +60,8 @@ impl Delivered {
     }
 }
 
-impl View {
-    /// What there is now; takes over what the previous view knows of the same bake.
+impl BakeView {
+    /// Inputs that are there now; all that is known of the same bake is kept.
     pub fn new(delivered: Delivered, compute: &Compute, before: Option<Self>) -> Option<Self> {
         let Delivered { deliveries, dump, guiding_record, base, proxies } = delivered;
         let Some(dump) = dump else {
@@ -123,7 +123,7 @@ impl View {
         view
     }
 
-    /// The same bake with more passes or other proxies.
+    /// Adds passes or replaces proxies of the same bake.
     fn grown(self, deliveries: u64, dump: &Dump, proxies: Option<Proxies>, compute: &Compute) -> Self {
         let mut view = Self { deliveries, ..self };
         if let Some(proxies) = proxies {
@@ -150,8 +150,9 @@ impl View {
         self.features = (self.samples(), quality);
     }
 
-    /// From now on the machine is the painter's: settled pictures are those that [`crate::relight::relighter::Relighter`] makes.
-    pub fn rest(&mut self, compute: &Compute) {
+    /// Prepares for rest, when the render thread has the machine: settled pictures are those of
+    /// [`crate::relight::relighter::Relighter`].
+    pub fn prepare_for_rest(&mut self, compute: &Compute) {
         self.passes.iter().for_each(DeviceGather::allow_sorting);
         self.quality = DenoiseQuality::High;
         let best = (self.samples(), DenoiseQuality::High);
@@ -160,7 +161,7 @@ impl View {
         }
     }
 
-    /// From now on paths are traced or proxies trained beside the painter.
+    /// Prepares for paths that are traced, or proxies that are trained, beside the render thread.
     pub fn share_machine(&mut self) {
         self.quality = DenoiseQuality::Balanced;
     }
@@ -170,7 +171,7 @@ impl View {
         self.passes.iter().map(DeviceGather::samples).sum()
     }
 
-    /// Whether pictures of half the size are worth making.
+    /// True if pictures of half the size are worth making.
     pub fn can_be_halved(&self) -> bool {
         self.aovs.alpha.width.min(self.aovs.alpha.height) >= 128
     }
@@ -201,7 +202,7 @@ fn halved(aovs: &Aovs) -> Aovs {
     }
 }
 
-/// Which of [`View::statics`] are shown: not the paths' own world where another stands in its place.
+/// Range of [`BakeView::statics`] that is shown: without the paths' own world if another is.
 pub(super) fn shown_statics(is_other_world: bool) -> std::ops::RangeTo<usize> {
     if is_other_world { ..1 } else { ..2 }
 }

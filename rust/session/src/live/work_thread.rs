@@ -1,4 +1,4 @@
-use super::shared::{Gate, Learning, LiveState, ProxyStatus, Shared, kinds_of};
+use super::shared::{Gate, LiveState, ProxyStatus, Shared, TrainingPlan, kinds_of};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::features::camera;
 use crate::bake::guiding::{GuideCoverage, GuidingRecord};
@@ -9,7 +9,7 @@ use crate::device::threads::in_background;
 use crate::error::SessionError;
 use crate::files::base_layers;
 use crate::files::contents::{self, lost_files};
-use crate::files::damage::{reason_of, words};
+use crate::files::damage::{damage_message, reason_of};
 use crate::files::light_set::LightSet;
 use crate::files::names::GUIDED_FILE;
 use crate::files::proxies::Proxies;
@@ -19,7 +19,7 @@ use crate::train::{Clock, TrainSettings, train};
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
 use relume_scene::{Light, Scene};
-use relume_trace::{TraceSettings, guide_targets};
+use relume_trace::{TraceSettings, guide_targets as scene_guide_targets};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -27,13 +27,13 @@ use std::sync::Arc;
 /// Paths per pixel that the first training is done on; a sum of whole passes.
 const SAMPLES_TO_TRAIN: u32 = 64;
 
-/// What the work thread does first; training follows.
+/// First task of the work thread; training follows.
 pub(super) enum Work {
-    /// Bakes a scene; `anew` where a whole bake of it is there whose paths do not look for the present lights.
+    /// Bakes a scene. `anew` also replaces a whole bake that is not guided towards the present lights.
     Bake { scene: Arc<Scene>, settings: TraceSettings, anew: bool },
-    /// Takes what the folder holds.
+    /// Opens the bake that the folder holds.
     Open,
-    /// Nothing: the bake is there and shown.
+    /// Only trains: the bake is there and shown.
     Learn,
 }
 
@@ -48,7 +48,7 @@ impl Work {
 }
 
 /// One run of the work thread.
-pub(super) struct Job {
+pub(super) struct WorkRun {
     pub work: Work,
     pub train_seconds: f64,
     pub folder: PathBuf,
@@ -57,7 +57,7 @@ pub(super) struct Job {
     pub cancel: Cancel,
 }
 
-impl Job {
+impl WorkRun {
     pub fn run(self) {
         let outcome = catch_unwind(AssertUnwindSafe(|| in_background(self.options.threads, || self.work())));
         let (state, error) = match outcome {
@@ -70,8 +70,8 @@ impl Job {
             shared.status.state = state;
             shared.status.error = error;
             shared.status.stage = None;
-            shared.learning = Learning::default();
-            // The machine: the painter makes better pictures with it now, and stores the light of another world.
+            shared.training_plan = TrainingPlan::default();
+            // The render thread has the machine now: it makes better pictures, and stores the light of another world.
             shared.deliveries += 1;
         });
     }
@@ -81,7 +81,7 @@ impl Job {
         let monitor = Monitor::new(Arc::new(gate), self.cancel.clone());
         match &self.work {
             Work::Bake { scene, settings, anew } => {
-                if *anew && self.looks_elsewhere(scene, settings)? {
+                if *anew && self.should_retrace(scene, settings)? {
                     clear_paths(&self.folder)?;
                 }
                 self.bake(scene, settings, &monitor)
@@ -94,9 +94,9 @@ impl Job {
         }
     }
 
-    /// Whether the folder holds a whole bake of the scene, and its world or the lights that are shown now would have much less noise
-    /// from paths that look for them, or nobody knows any more what its paths look for.
-    fn looks_elsewhere(&self, scene: &Scene, settings: &TraceSettings) -> Result<bool, SessionError> {
+    /// True if a whole bake of the scene exists but retracing, guided towards the present lights and world, would cut
+    /// noise enough. Also true if its guiding record is lost.
+    fn should_retrace(&self, scene: &Scene, settings: &TraceSettings) -> Result<bool, SessionError> {
         let is_there = self.folder.join(Manifest::FILE).exists();
         let Some(dump) = is_there.then(|| Dump::open(&self.folder)).transpose()? else { return Ok(false) };
         let manifest = dump.manifest();
@@ -109,11 +109,11 @@ impl Job {
         }
         let guiding_record = GuidingRecord::of_bake(&self.folder).unwrap_or_default();
         let coverage = GuideCoverage::new(&guiding_record, manifest, &dump.aovs(), &camera(manifest)?);
-        Ok(coverage.would_gain(&self.lights_to_look_for(scene, settings), settings.guiding))
+        Ok(coverage.would_gain(&self.guide_targets(scene, settings), settings.guiding))
     }
 
-    /// Bakes and trains, then bakes the rest and trains anew if that is much more: a proxy is at hand long before a bake of
-    /// many samples ends. What is there already stays, even if fewer samples are asked for.
+    /// Bakes and trains, then bakes the rest and trains again if that is much more: a proxy is ready long before a
+    /// large bake ends. Existing samples stay, even if fewer are asked for.
     fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
         if matches!(difference(scene, settings, &self.folder), Ok(Some(Manifest::WORLD_MAP))) {
             clear_paths(&self.folder)?;
@@ -121,11 +121,11 @@ impl Job {
         let there = self.whole_samples(scene, settings);
         let world = Arc::new(OtherWorld::new(scene)?);
         self.shared.show_world(world);
-        let wanted = settings.samples.max(there);
-        self.shared.change(|state| state.status.samples_total = wanted);
-        let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..wanted).contains(early));
+        let total = settings.samples.max(there);
+        self.shared.change(|state| state.status.samples_total = total);
+        let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..total).contains(early));
         let rounds: Vec<u32> =
-            early.filter(|_| self.train_seconds > 0.0).into_iter().chain([wanted]).collect();
+            early.filter(|_| self.train_seconds > 0.0).into_iter().chain([total]).collect();
         self.plan(&rounds);
         for samples in rounds {
             self.enter(LiveState::Baking);
@@ -134,13 +134,13 @@ impl Job {
             self.deliver_proxies();
             self.train(monitor)?;
             self.shared.change(|state| {
-                state.learning.rounds.pop_front();
+                state.training_plan.rounds.pop_front();
             });
         }
         Ok(())
     }
 
-    /// Begins with something else, of which there is no progress to tell yet.
+    /// Enters a state without any progress yet.
     fn enter(&self, state: LiveState) {
         self.shared.change(|shared| {
             shared.status.state = state;
@@ -148,7 +148,7 @@ impl Job {
         });
     }
 
-    /// Samples of the whole passes that the folder holds of this very bake.
+    /// Samples of the whole passes that the folder holds of this bake.
     fn whole_samples(&self, scene: &Scene, settings: &TraceSettings) -> u32 {
         if !matches!(difference(scene, settings, &self.folder), Ok(None)) {
             return 0;
@@ -163,7 +163,7 @@ impl Job {
         settings: &TraceSettings,
         monitor: &Monitor,
     ) -> Result<(), SessionError> {
-        let lights = || self.lights_to_look_for(scene, settings);
+        let lights = || self.guide_targets(scene, settings);
         let samples = self.shared.lock().status.samples_total;
         let observer = Observer { samples, lights: &lights, passes: &|dump| self.deliver(dump) };
         let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &observer);
@@ -184,9 +184,9 @@ impl Job {
         }
     }
 
-    /// The scene's, and those that are shown now where they are other than the scene's: they may have moved since it was read.
-    fn lights_to_look_for(&self, scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
-        let mut lights = guide_targets(scene, settings);
+    /// Lights of the scene, and of the newest request where they are elsewhere: they may have moved since it was read.
+    fn guide_targets(&self, scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
+        let mut lights = scene_guide_targets(scene, settings);
         if let Some(request) = &self.shared.lock().request {
             let is_elsewhere = |light: &&Light| lights.iter().all(|known| known.shape != light.shape);
             let shown: Vec<Light> = request.lights.iter().filter(is_elsewhere).cloned().collect();
@@ -195,7 +195,7 @@ impl Job {
         lights
     }
 
-    /// Whether the folder holds a whole bake.
+    /// Opens the folder; true if it holds a whole bake.
     fn open(&self) -> Result<bool, SessionError> {
         lost_files(&self.folder).iter().for_each(|text| self.shared.warn(text));
         if !self.folder.join(Manifest::FILE).exists() {
@@ -225,7 +225,7 @@ impl Job {
             None
         });
         if let Err(error) = GuidingRecord::of_bake(&self.folder) {
-            self.shared.warn(&words(&self.folder.join(GUIDED_FILE), &reason_of(error)));
+            self.shared.warn(&damage_message(&self.folder.join(GUIDED_FILE), &reason_of(error)));
         }
         self.shared.change(|state| {
             state.status.samples_total = dump.manifest().samples();
@@ -280,10 +280,11 @@ impl Job {
         of_dump.or_else(|| state.base.as_ref().map(|base| base.scene_hash.clone()))
     }
 
-    /// Says after how many paths per pixel lights will be learned.
+    /// Plans the numbers of paths per pixel after which lights are learned.
     fn plan(&self, rounds: &[u32]) {
         let rounds = rounds.iter().copied().filter(|_| self.train_seconds > 0.0).collect();
-        self.shared.change(|state| state.learning = Learning { seconds: self.train_seconds, rounds });
+        self.shared
+            .change(|state| state.training_plan = TrainingPlan { seconds: self.train_seconds, rounds });
     }
 
     /// Trains on the whole bake that is shown.

@@ -1,4 +1,4 @@
-use super::view::View;
+use super::view::BakeView;
 use crate::bake::world::{WorldAbout, WorldLayer};
 use crate::device::compute::Compute;
 use crate::device::image::DeviceImage;
@@ -20,9 +20,9 @@ pub struct OtherWorld {
 
 #[derive(Debug)]
 enum WorldSource {
-    /// To be gathered from the paths; with the digest of its texture.
+    /// Map to be gathered from the paths, with the digest of its texture.
     Map(Environment, Option<String>),
-    /// Gathered before.
+    /// Light that was gathered before.
     Layer(Box<WorldLayer>),
 }
 
@@ -37,8 +37,8 @@ impl OtherWorld {
         Ok(Self::mapped(&scene.world, environment, texture))
     }
 
-    /// Another world of the same texture, such as one that was turned: nothing of that is read again. The texture that
-    /// `world` itself names is not looked at. None of a world whose light lies in a bake folder.
+    /// World with the same texture, which is not read again, such as a turned one. The texture that `world` names is
+    /// ignored. None for a world whose light lies in a bake folder.
     pub fn with_texture_for(&self, world: &World) -> Option<Self> {
         match &self.source {
             WorldSource::Map(environment, texture) => {
@@ -58,12 +58,12 @@ impl OtherWorld {
         Self { about: layer.about.clone(), source: WorldSource::Layer(Box::new(layer)) }
     }
 
-    /// Which one it is.
+    /// Identity of the world.
     pub fn about(&self) -> &WorldAbout {
         &self.about
     }
 
-    /// Whether its light lies in the bake folder already.
+    /// True if its light lies in the bake folder already.
     pub(super) fn is_stored(&self) -> bool {
         matches!(self.source, WorldSource::Layer(_))
     }
@@ -76,7 +76,7 @@ impl OtherWorld {
 /// The light of another world along the passes of a view.
 pub(super) struct WorldUnit {
     world: Arc<OtherWorld>,
-    /// Which bake the passes are of.
+    /// Identity of the bake that the passes are of.
     bake: String,
     pub gathered: Gathered,
     /// Paths per pixel behind what lies in the bake folder.
@@ -84,8 +84,8 @@ pub(super) struct WorldUnit {
 }
 
 impl WorldUnit {
-    /// What there is to show of a world; what was gathered of the same along the same bake stays.
-    pub fn of(world: Arc<OtherWorld>, view: &View, before: Option<Self>) -> Self {
+    /// Unit of a world; sums along the same bake are kept.
+    pub fn of(world: Arc<OtherWorld>, view: &BakeView, before: Option<Self>) -> Self {
         let is_same = |before: &Self| Arc::ptr_eq(&before.world, &world) && before.bake == view.bake;
         if let Some(before) = before.filter(is_same) {
             return before;
@@ -101,12 +101,12 @@ impl WorldUnit {
         unit
     }
 
-    /// Whether it gives any light.
+    /// True if it gives no light.
     pub fn is_black(&self) -> bool {
         self.world.is_black()
     }
 
-    /// Whether what was gathered is denoised as well as that, or need not be.
+    /// True if the sum is denoised at this quality, or need not be.
     pub fn is_done(&self, quality: DenoiseQuality) -> bool {
         self.is_black() || self.gathered.is_done(quality)
     }
@@ -114,7 +114,7 @@ impl WorldUnit {
     /// Gathers one more pass; false if none is left.
     pub fn advance(
         &mut self,
-        view: &View,
+        view: &BakeView,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<bool, SessionError> {
@@ -132,8 +132,8 @@ impl WorldUnit {
         Ok(true)
     }
 
-    /// Writes what was gathered into the bake's folder, if that is more than lies there. Whether it lies there now.
-    pub fn store(&mut self, view: &View, folder: &Path) -> Result<bool, SessionError> {
+    /// Writes the sum into the bake folder, if it has more samples than there. True if it lies there now.
+    pub fn store(&mut self, view: &BakeView, folder: &Path) -> Result<bool, SessionError> {
         let Some(pass) = view.passes.first().filter(|_| self.gathered.passes > 0) else { return Ok(false) };
         if self.gathered.samples > self.stored_samples {
             let (image, error) = (self.gathered.mean.read()?, self.gathered.error.read()?);
@@ -145,7 +145,7 @@ impl WorldUnit {
         Ok(true)
     }
 
-    /// Whether this is what is to be shown.
+    /// True if this world is to be shown.
     pub fn is_of(&self, world: Option<&Arc<OtherWorld>>) -> bool {
         world.is_some_and(|world| Arc::ptr_eq(world, &self.world))
     }

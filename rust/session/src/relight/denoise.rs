@@ -5,18 +5,18 @@ use relume_gpu::Gpu;
 use relume_image::Image;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A denoiser for pictures of one view, with its albedo and normals. The device starts when it is first needed; where a GPU
-/// cannot do it or fails, the CPU does.
+/// Denoiser for pictures of one view, with its albedo and normals. The device starts when it is first needed. If a GPU
+/// fails, the CPU takes over.
 pub struct Denoise {
     aovs: Aovs,
     /// PCI address of the GPU to denoise on, if the library knows it.
     gpu: Option<String>,
-    /// How well albedo and normals are denoised first, if they are.
+    /// Quality at which albedo and normals are denoised first, if they are.
     features: Option<DenoiseQuality>,
-    device: Mutex<Device>,
+    device: Mutex<DenoiserState>,
 }
 
-enum Device {
+enum DenoiserState {
     NotStarted,
     Ready(Ready),
     Missing(String),
@@ -40,23 +40,24 @@ impl Ready {
 }
 
 impl Denoise {
-    /// For pictures with these features; on the given GPU where the library can, else on the CPU.
+    /// Denoiser for pictures with these features; on the given GPU if the library can, else on the CPU.
     pub fn new(aovs: &Aovs, gpu: Option<&Gpu>) -> Self {
         let hardware = gpu.map(Gpu::summary).filter(|summary| !summary.software);
         let gpu = hardware.map(|summary| summary.pci_bus_id.clone());
         let features = Some(DenoiseQuality::High);
-        Self { aovs: aovs.clone(), gpu, features, device: Mutex::new(Device::NotStarted) }
+        Self { aovs: aovs.clone(), gpu, features, device: Mutex::new(DenoiserState::NotStarted) }
     }
 
-    /// The same with albedo and normals denoised that well, or as they are: textures come out softer, the first picture sooner.
+    /// Sets the quality at which albedo and normals are denoised first. None keeps them noisy: textures come out
+    /// softer, the first picture sooner.
     pub fn with_features(self, features: Option<DenoiseQuality>) -> Self {
         Self { features, ..self }
     }
 
-    /// Why nothing can be denoised here, in words for the user; none if it can.
+    /// Reason why nothing can be denoised here, for the user; none if denoising works.
     pub fn missing(&self) -> Option<String> {
         match &*self.started() {
-            Device::Missing(reason) => Some(reason.clone()),
+            DenoiserState::Missing(reason) => Some(reason.clone()),
             _ => None,
         }
     }
@@ -70,8 +71,8 @@ impl Denoise {
         self.denoise(images, quality, None).map(drop)
     }
 
-    /// [`Denoise::images`] until `stop`, which is asked from any thread many times a picture, says so. False if it did: the
-    /// picture that was worked on and those after it are noisy then.
+    /// [`Denoise::images`] until `stop`, which is asked from any thread many times a picture, returns true. False if it
+    /// did: that picture and those after it are noisy then.
     ///
     /// # Errors
     /// If the denoiser fails.
@@ -91,7 +92,7 @@ impl Denoise {
         stop: Option<&Stop<'_>>,
     ) -> Result<bool, SessionError> {
         let mut device = self.started();
-        let Device::Ready(ready) = &*device else { return Ok(true) };
+        let DenoiserState::Ready(ready) = &*device else { return Ok(true) };
         if !ready.is_gpu {
             return Ok(ready.denoise(images, quality, stop)?);
         }
@@ -103,18 +104,18 @@ impl Denoise {
                 images.clone_from_slice(&noisy);
                 let on_cpu = self.start_on_cpu()?;
                 let result = on_cpu.denoise(images, quality, stop);
-                *device = Device::Ready(on_cpu);
+                *device = DenoiserState::Ready(on_cpu);
                 Ok(result?)
             }
         }
     }
 
-    fn started(&self) -> MutexGuard<'_, Device> {
+    fn started(&self) -> MutexGuard<'_, DenoiserState> {
         let mut device = self.device.lock().unwrap_or_else(PoisonError::into_inner);
-        if matches!(*device, Device::NotStarted) {
+        if matches!(*device, DenoiserState::NotStarted) {
             *device = match self.start() {
-                Ok(ready) => Device::Ready(ready),
-                Err(error) => Device::Missing(error.to_string()),
+                Ok(ready) => DenoiserState::Ready(ready),
+                Err(error) => DenoiserState::Missing(error.to_string()),
             };
         }
         device
@@ -163,10 +164,13 @@ mod tests {
         denoise.images(std::slice::from_mut(&mut expected), DenoiseQuality::Fast).unwrap();
         assert_ne!(expected, noisy);
 
-        *denoise.device.lock().unwrap() = Device::Ready(Ready { is_gpu: true, ..broken });
+        *denoise.device.lock().unwrap() = DenoiserState::Ready(Ready { is_gpu: true, ..broken });
         let mut found = noisy.clone();
         denoise.images(std::slice::from_mut(&mut found), DenoiseQuality::Fast).unwrap();
         assert_eq!(found, expected);
-        assert!(matches!(&*denoise.device.lock().unwrap(), Device::Ready(Ready { is_gpu: false, .. })));
+        assert!(matches!(
+            &*denoise.device.lock().unwrap(),
+            DenoiserState::Ready(Ready { is_gpu: false, .. })
+        ));
     }
 }

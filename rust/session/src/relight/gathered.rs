@@ -21,7 +21,7 @@ impl Clean {
     ) -> Result<Option<Self>, SessionError> {
         let mut image = noisy.read()?;
         let done = denoise.images_until(std::slice::from_mut(&mut image), quality, stop)?;
-        Ok(done.then(|| Self { image: DeviceImage::beside(noisy, image), quality }))
+        Ok(done.then(|| Self { image: DeviceImage::on_device_of(noisy, image), quality }))
     }
 }
 
@@ -46,7 +46,7 @@ impl Gathered {
             self.mean = image;
         } else {
             let share = samples as f32 / all as f32;
-            // Means a and b of independent samples, m and n of them: a - b has the variance v (1/m + 1/n), the mean of all has
+            // Means a and b of m and n independent samples: a - b has the variance v (1/m + 1/n). The mean of all has
             // v / (m + n), which is m n / (m + n)^2 of it.
             let scale = (share * (1.0 - share)).sqrt();
             self.mean.take_in(&mut image, share, scale)?;
@@ -109,7 +109,7 @@ impl Gathered {
     pub fn leave_gpu(&mut self) -> Result<(), GpuError> {
         let clean = self.clean.as_mut().map(|(_, clean)| &mut clean.image);
         for image in [&mut self.mean, &mut self.error].into_iter().chain(clean) {
-            image.bring_down()?;
+            image.move_to_cpu()?;
         }
         Ok(())
     }

@@ -30,7 +30,7 @@ impl<T> LightCache<T> {
     }
 
     /// Value of a light, if there is one; it counts as used.
-    pub fn take_up(&mut self, light: &Light) -> Option<&mut T> {
+    pub fn get_used(&mut self, light: &Light) -> Option<&mut T> {
         self.position(&key(light)).map(|i| self.used(i))
     }
 

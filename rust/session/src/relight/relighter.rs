@@ -7,7 +7,7 @@ use crate::device::image::DeviceImage;
 use crate::device::proxies::DeviceProxies;
 use crate::error::SessionError;
 use crate::files::base_layers;
-use crate::files::damage::{reason_of, words};
+use crate::files::damage::{damage_message, reason_of};
 use crate::files::light_set::LightSet;
 use crate::files::names::{GUIDED_FILE, VIEW_FILE, WORLD_FILE};
 use crate::files::proxies::Proxies;
@@ -27,7 +27,7 @@ use relume_scene::{Camera, Light, Scene, Texture, World};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// How to relight.
+/// Options of a relight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelightOptions {
     /// Method that makes the pictures.
@@ -67,7 +67,7 @@ impl Relighter {
     /// Opens a bake folder, or a folder with proxies and their base layers.
     ///
     /// # Errors
-    /// If the folder is neither, or a file in it is damaged that pictures are made of; others are [`Self::damaged`].
+    /// If the folder is neither, or a file is damaged that every picture needs. Other damage is in [`Self::damaged`].
     pub fn open(folder: &Path) -> Result<Self, SessionError> {
         if folder.join(Manifest::FILE).exists() {
             return Self::from_dump(Dump::open(folder)?, folder);
@@ -90,7 +90,8 @@ impl Relighter {
         let manifest = dump.manifest();
         let (camera, scene_hash) = (camera(manifest)?, manifest.scene_hash.clone());
         let (proxies, mut damaged) = Proxies::open_usable(folder, &scene_hash);
-        let mut without = |name: &str, error| damaged.push(words(&folder.join(name), &reason_of(error)));
+        let mut without =
+            |name: &str, error| damaged.push(damage_message(&folder.join(name), &reason_of(error)));
         let world = WorldLayer::of_bake(folder, manifest).unwrap_or_else(|error| {
             without(WORLD_FILE, error);
             None
@@ -137,7 +138,7 @@ impl Relighter {
         }
     }
 
-    /// Lets this device do what it can.
+    /// Sets the devices that it runs on.
     #[must_use]
     pub fn on(self, compute: &Compute) -> Self {
         let denoise = Denoise::new(&self.aovs, compute.gpu.as_deref());
@@ -164,21 +165,21 @@ impl Relighter {
         self.gather.as_ref()
     }
 
-    /// Whether hardly any path of the bake meets a light, so that its gathered picture is noise, while new paths would meet it that
-    /// look for it ([`relume_trace::TraceSettings::guide_targets`]).
-    pub fn misses(&self, light: &Light) -> bool {
+    /// True if hardly any path meets a light, but paths guided towards it would
+    /// ([`relume_trace::TraceSettings::guide_targets`]). Its gathered picture is noise.
+    pub fn is_under_sampled(&self, light: &Light) -> bool {
         let under_sampled = self.coverage.as_ref().and_then(|coverage| coverage.under_sampled(light));
         under_sampled.is_some_and(|under_sampled| under_sampled.guiding_helps)
     }
 
-    /// Those of some lights whose pictures would be gathered from paths that hardly meet them ([`Self::misses`]).
-    pub fn rarely_met<'a>(&self, lights: &'a [Light]) -> Vec<&'a Light> {
+    /// Lights whose pictures are noise in the dump, while guided paths would meet them ([`Self::is_under_sampled`]).
+    pub fn under_sampled<'a>(&self, lights: &'a [Light]) -> Vec<&'a Light> {
         let source = |light: &Light| self.source(light, &RelightOptions::default());
         let is_gathered = |light: &Light| matches!(source(light), Ok(UnitSource::GatherDenoised));
-        lights.iter().filter(|light| is_gathered(light) && self.misses(light)).collect()
+        lights.iter().filter(|light| is_gathered(light) && self.is_under_sampled(light)).collect()
     }
 
-    /// What does it.
+    /// Devices that it runs on.
     pub(crate) fn compute(&self) -> &Compute {
         &self.compute
     }
@@ -201,29 +202,29 @@ impl Relighter {
         &self.damaged
     }
 
-    /// The scene's view transform; the sRGB curve if the folder holds none, or none that can be read, which the user is told.
+    /// View transform of the scene; the sRGB curve, with a warning, if the folder has none that can be read.
     pub fn view(&self, monitor: &Monitor) -> ViewTransform {
         let path = self.folder.join(VIEW_FILE);
         if !path.exists() {
             return ViewTransform::Standard;
         }
         ViewTransform::read_lut(&path).unwrap_or_else(|error| {
-            monitor.warn(&words(&path, &error.to_string()));
+            monitor.warn(&damage_message(&path, &error.to_string()));
             ViewTransform::Standard
         })
     }
 
-    /// Radiance of the world that is shown, or the factor on its texture, RGB; none without a dump. Opened is the one that was shown
-    /// last of the bake.
+    /// Radiance of the world that is shown, or the factor on its texture, RGB; none without a dump. A folder opens with
+    /// the world that was shown last.
     pub fn world_color(&self) -> Option<[f32; 3]> {
         self.world.as_ref().map(|world| world.color)
     }
 
-    /// Shows a scene's world: the bake's own as it was traced, and any other gathered, if the one that is shown differs by more than
-    /// strength and tint ([`Self::world_color`]).
+    /// Shows the world of a scene: as traced if the bake has that map, else gathered. A world that differs by strength
+    /// and tint alone stays ([`Self::world_color`]).
     ///
     /// # Errors
-    /// As [`Self::set_world`].
+    /// Fails like [`Self::set_world`].
     pub fn show_world_of(&mut self, scene: &Scene, monitor: &Monitor) -> Result<(), SessionError> {
         let map = scene.world_map();
         if self.world.as_ref().is_some_and(|shown| shown.map == map) {
@@ -242,7 +243,7 @@ impl Relighter {
     /// Replaces the world that is shown by another, gathered from the segments that left the scene.
     ///
     /// # Errors
-    /// Without a dump, if the world's texture is damaged, or if the GPU fails that the user asked for.
+    /// Without a dump, with a damaged texture, or if the GPU fails that the user asked for.
     pub fn set_world(
         &mut self,
         world: &World,
@@ -277,7 +278,7 @@ impl Relighter {
         options: &RelightOptions,
         monitor: &Monitor,
     ) -> Result<Relit, SessionError> {
-        let options = &self.possible(options, monitor);
+        let options = &self.without_missing_denoiser(options, monitor);
         let units = self.unit_images(lights, options, monitor)?;
         let lights = lights.iter().zip(units);
         let lights = lights.map(|(light, (unit, source))| {
@@ -314,8 +315,12 @@ impl Relighter {
         Ok([emission.final_image(&self.denoise)?, world.final_image(&self.denoise)?])
     }
 
-    /// The options without denoising where there is no denoiser, which the user is told.
-    pub(crate) fn possible(&self, options: &RelightOptions, monitor: &Monitor) -> RelightOptions {
+    /// Options without denoising if there is no denoiser, with a warning.
+    pub(crate) fn without_missing_denoiser(
+        &self,
+        options: &RelightOptions,
+        monitor: &Monitor,
+    ) -> RelightOptions {
         let missing = if options.denoise { self.denoise.missing() } else { None };
         if let Some(reason) = &missing {
             monitor.warn(reason);
@@ -388,7 +393,8 @@ impl Relighter {
         Ok(images)
     }
 
-    /// Direct camera views of lights, which proxies do not learn. None of lights that the camera does not see, or without a dump.
+    /// Direct camera views of lights, which proxies do not learn. None for lights that the camera does not see, or
+    /// without a dump.
     fn direct_views<'a>(
         &self,
         lights: impl Iterator<Item = &'a Light>,
@@ -435,7 +441,7 @@ impl Relighter {
         self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does some work with a proxy on the GPU; nothing comes back where there is none, or the CPU has to do it.
+    /// Runs work with a proxy on the GPU; none if there is no such proxy or the CPU has to do it.
     pub(crate) fn on_gpu_proxy<R>(
         &self,
         kind: LightKind,
@@ -449,11 +455,11 @@ impl Relighter {
     pub(crate) fn gather_images(
         &self,
         lights: &[Light],
-        half: SampleSplit,
+        split: SampleSplit,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         match &self.gather {
-            Some(gather) => gather.unit_images(lights, half, &self.compute, monitor),
+            Some(gather) => gather.unit_images(lights, split, &self.compute, monitor),
             None => Ok(Vec::new()),
         }
     }

@@ -9,7 +9,7 @@ use std::path::Path;
 pub struct RelitLight {
     /// Object name.
     pub name: String,
-    /// Its contribution, scene-linear RGB.
+    /// Contribution of the light, scene-linear RGB.
     pub image: Image,
     /// Source of its unit image.
     pub source: UnitSource,
@@ -47,7 +47,7 @@ impl Relit {
         sum
     }
 
-    /// As [`Relit::combined`], RGBA with the film's alpha.
+    /// [`Relit::combined`] as RGBA with the film's alpha.
     pub fn combined_rgba(&self) -> Image {
         let rgb = self.combined();
         let pixels = rgb.data.chunks_exact(3).zip(&self.alpha.data);
@@ -55,8 +55,8 @@ impl Relit {
         Image { width: rgb.width, height: rgb.height, channels: 4, data }
     }
 
-    /// All layers under Blender's pass names: `Combined`, `Combined_<light>`, `static`, `world`, `albedo`, `normal`,
-    /// `depth`. The attribute `relume` is JSON: version, scene hash, samples, and what made each light's layer.
+    /// Layers under Blender's pass names: `Combined`, `Combined_<light>`, `static`, `world`, `albedo`, `normal`,
+    /// `depth`. The attribute `relume` is JSON: version, scene hash, samples, and the source of each light's layer.
     pub fn layers(&self) -> LayeredImage {
         let combined = self.combined_rgba();
         let (width, height) = (combined.width, combined.height);

@@ -47,7 +47,7 @@ impl Units {
 
     /// Finished unit image of a light by one source, if it is known.
     pub fn finished(&mut self, light: &Light, source: UnitSource) -> Result<Option<Image>, GpuError> {
-        let Some(unit) = self.0.take_up(light) else { return Ok(None) };
+        let Some(unit) = self.0.get_used(light) else { return Ok(None) };
         let image = match source {
             UnitSource::Proxy => unit.proxy.as_deref(),
             UnitSource::Gather => Some(&unit.gathered.mean).filter(|mean| !mean.is_empty()),

@@ -13,19 +13,20 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use super::gather_relight::{GatherRelight, Prepared};
+use super::gather_relight::{GatherRelight, SolveDump};
 use super::proxy_relight::tests::trained;
 use super::proxy_relight::{ProxyRelight, by_lane};
 use crate::device::compute::Compute;
 use crate::files::proxies::Proxies;
-use crate::live::bench::{boxed, bulbs};
 use crate::progress::Monitor;
 use crate::relight::relighter::Relighter;
+use crate::test_box::{boxed, bulbs};
 
 /// Most that gradients on the GPU differ from those of the CPU, as a share of the largest of a light (`ARCHITECTURE.md`).
 const BY_GATHER: f32 = 3e-4;
 const BY_PROXY: f32 = 2e-4;
-/// The same of losses. Logarithms of WGSL are good to 2^-21 from 1/2 to 2, and a residual has two, times at most 0.3.
+/// Largest relative difference of losses. Logarithms of WGSL are good to 2^-21 from 1/2 to 2, and a residual has two,
+/// times at most 0.3.
 const LOSS: f64 = 1e-5;
 const RESIDUAL: f64 = 0.6 / (1 << 21) as f64;
 
@@ -82,18 +83,18 @@ impl Compare for CheckedCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[TermTarget],
+        targets: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         let before = self.checked.gpu.bytes_read();
-        let found = self.device.gradient(lights, still, softness, wanted)?.ok_or("the GPU gave up")?;
+        let found = self.device.gradient(lights, still, softness, targets)?.ok_or("the GPU gave up")?;
         // As many for few cells as for many.
-        let bytes = self.checked.gpu.bytes_read() - before - 4 * wanted.len() as u64;
+        let bytes = self.checked.gpu.bytes_read() - before - 4 * targets.len() as u64;
         assert_eq!(bytes, *self.checked.bytes.get_or_init(|| bytes));
-        let expected = self.on_cpu(lights, still, softness, wanted)?;
+        let expected = self.on_cpu(lights, still, softness, targets)?;
         let (tolerance, loss) = (self.checked.tolerance, expected.loss);
-        let weight: f64 = wanted.iter().map(|wanted| f64::from(wanted.weight)).sum();
+        let weight: f64 = targets.iter().map(|target| f64::from(target.weight)).sum();
         let most = LOSS * loss + 2.0 * (weight * loss).sqrt() * RESIDUAL;
-        assert!((found.loss - loss).abs() < most, "{} for {loss}: {:?}", found.loss, wanted[0].criterion);
+        assert!((found.loss - loss).abs() < most, "{} for {loss}: {:?}", found.loss, targets[0].criterion);
         for (found, expected) in found.lights.iter().zip(&expected.lights) {
             assert_near(&found.0, &expected.0, tolerance);
             assert_near(&found.1, &expected.1, tolerance);
@@ -120,15 +121,15 @@ impl CheckedCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[TermTarget],
+        targets: &[TermTarget],
     ) -> Result<Compared, RelightError> {
         let mut sums = Compared {
             loss: 0.0,
             lights: vec![([0.0; LANES], [0.0; 3]); lights.len()],
             still: vec![[0.0; 3]; still.len()],
         };
-        for wanted in wanted {
-            let (cpu, cells) = (self.checked.cpu, wanted.cells.clone());
+        for target in targets {
+            let (cpu, cells) = (self.checked.cpu, target.cells.clone());
             let at = |layer: &Vec<[f32; 3]>| cells.iter().map(|cell| layer[*cell as usize]).collect();
             let layers: Vec<Vec<[f32; 3]>> = self.layers.iter().map(at).collect();
             let units = lights.iter().map(|light| cpu.values(light, softness, &cells));
@@ -142,7 +143,7 @@ impl CheckedCompare<'_> {
                     (0..3).for_each(|c| sum[c] += radiance[c] * unit[c]);
                 }
             }
-            let (loss, d_picture) = wanted.clone().compare(picture);
+            let (loss, d_picture) = target.clone().compare(picture);
             sums.loss += loss;
             let pull = |sum: &mut [f32; 3], unit: &[[f32; 3]]| {
                 for (d, unit) in d_picture.iter().zip(unit) {
@@ -237,7 +238,7 @@ fn steps_through_the_gather_are_those_of_the_cpu_and_leave_pictures_on_the_gpu()
     let open = || Relighter::from_dump(boxed((48, 32), 8).unwrap(), folder.path()).unwrap();
     let (on_gpu, on_cpu) = (open().on(&Compute::with(Arc::clone(&gpu), false)), open());
     let monitor = Monitor::default();
-    let prepared = [&on_gpu, &on_cpu].map(|relighter| Prepared::new(relighter, &[], &monitor).unwrap());
+    let prepared = [&on_gpu, &on_cpu].map(|relighter| SolveDump::new(relighter, &[], &monitor).unwrap());
     let device = GatherRelight::new(&on_gpu, &prepared[0], &monitor).unwrap();
     let cpu = GatherRelight::new(&on_cpu, &prepared[1], &monitor).unwrap();
     check(&Checked::new(&device, &cpu, &gpu, BY_GATHER), &bulbs(3), [0.3, 0.02]);

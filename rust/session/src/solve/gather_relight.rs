@@ -7,8 +7,8 @@ use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, Relight
 use relume_scene::{LANES, Light};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::look::look;
-use super::scene_view::Unit;
+use super::scene_view::UnitPictures;
+use super::step_targets::step_targets;
 use crate::device::gather::DeviceGather;
 use crate::device::layers::DeviceLayers;
 use crate::error::SessionError;
@@ -18,37 +18,39 @@ use crate::relight::light_cache::{LightCache, key};
 use crate::relight::relighter::Relighter;
 use crate::relight::statics::StaticLayer;
 
-/// Most pixels along the edge of the cells whose means are compared: the noise of a gathered picture is an eighth there, and a
-/// tonemapped mean is less biased by it than the mean of tonemapped pixels.
+/// Most pixels along the edge of the cells whose means are compared. The noise of a gathered picture is an eighth
+/// there. A tonemapped mean is less biased by it than the mean of tonemapped pixels.
 const LARGEST_CELL: usize = 8;
 /// Cells that a small picture should at least have.
 const LEAST_CELLS: usize = 512;
-/// And the place of any goal: those at its edge are partly of what is beside it.
+/// Least cells in the place of any goal: those at its edge are partly beside it.
 const LEAST_CELLS_OF_PLACE: f32 = 64.0;
 
-/// What solving through a dump needs besides it.
-pub(super) struct Prepared {
+/// Parts of a dump that solving needs besides the whole.
+pub(super) struct SolveDump {
     /// The first passes: much softened lights are crossed by so many paths that few of them are enough.
     few: [(f32, DeviceGather); 2],
     denoise: Denoise,
-    /// Pixels along the edge of those that are looked at as one.
+    /// Pixels along the edge of the squares that are averaged to one.
     shrink: usize,
-    /// Width and height of what is looked at, and the edge of its cells.
+    /// Width and height of the averaged picture.
     size: (usize, usize),
     cell: usize,
 }
 
-/// From this softness on so many paths per pixel are enough.
+/// Softness from which so many paths per pixel are enough.
 const ENOUGH: [(f32, u32); 2] = [(0.05, 6), (0.015, 24)];
 /// Bytes of unit images that are kept.
 const MOST_KEPT: usize = 1 << 28;
 /// Bytes of full pictures that are held at a time: lights near each other cost less together.
 const MOST_AT_ONCE: usize = 1 << 27;
-/// Pixels that are denoised in a moment, and more than there are cells to be compared: as small are pictures looked at, or as cells.
+/// Pixels that are denoised in a moment, which are more than the cells of a comparison. Pictures are shrunk to this,
+/// but not below their cells.
 const QUICKLY_DENOISED: usize = 40_000;
 
-impl Prepared {
-    /// For goals of the whole size. None without a dump. Without a denoiser, which the user is told, pictures are noisy.
+impl SolveDump {
+    /// Prepares for goals of full size. None without a dump. Without a denoiser the user is warned, and pictures stay
+    /// noisy.
     pub fn new(relighter: &Relighter, goals: &[Goal], monitor: &Monitor) -> Option<Self> {
         let gather = relighter.gather()?;
         let aovs = relighter.aovs();
@@ -67,7 +69,7 @@ impl Prepared {
         Some(Self { few, denoise, shrink, size, cell: cell / shrink })
     }
 
-    /// How many times smaller the pictures are along each edge.
+    /// Factor by which pictures are smaller along each edge.
     pub fn shrink(&self) -> usize {
         self.shrink
     }
@@ -85,7 +87,7 @@ impl Prepared {
         relighter: &Relighter,
         lights: &[Light],
         monitor: &Monitor,
-    ) -> Result<Vec<Unit>, SessionError> {
+    ) -> Result<Vec<UnitPictures>, SessionError> {
         let lights: Vec<Light> = lights.iter().map(key).collect();
         let mut units = Vec::with_capacity(lights.len());
         let stage = monitor.stage(Stage::Gather, 0, lights.len() as u64);
@@ -102,12 +104,12 @@ impl Prepared {
         Ok(units
             .into_iter()
             .zip(exact)
-            .map(|(clean, exact)| Unit { clean: Arc::new(clean), exact })
+            .map(|(clean, exact)| UnitPictures { clean: Arc::new(clean), exact })
             .collect())
     }
 
-    /// The means of cells of a noisy picture without its noise. At the best quality a polish would take up to twice as long, for lights
-    /// that are about as good (`docs/solve.md`).
+    /// Means of cells of a noisy picture, denoised first. At the best quality a polish would take up to twice as long,
+    /// for lights that are about as good (`docs/solve.md`).
     fn clean_cells(&self, noisy: Image) -> Result<Vec<[f32; 3]>, SessionError> {
         let mut images = [noisy];
         self.denoise.images(&mut images, DenoiseQuality::Balanced)?;
@@ -132,7 +134,7 @@ fn at_once(relighter: &Relighter) -> usize {
     (MOST_AT_ONCE / (relighter.aovs().albedo.pixel_count() * 3 * size_of::<f32>())).max(1)
 }
 
-/// As many passes as so many samples need.
+/// First passes with so many samples.
 fn first_passes(gather: &Gather, samples: u32) -> Gather {
     let dump = gather.dump();
     let of =
@@ -145,18 +147,18 @@ fn first_passes(gather: &Gather, samples: u32) -> Gather {
 pub(super) struct GatherRelight<'a> {
     relighter: &'a Relighter,
     monitor: &'a Monitor,
-    soft: Soft<'a>,
-    few: Vec<(f32, Soft<'a>)>,
-    prepared: &'a Prepared,
-    /// All paths twice where there are too few of them to make two pictures.
+    soft: SoftDump<'a>,
+    few: Vec<(f32, SoftDump<'a>)>,
+    prepared: &'a SolveDump,
+    /// Halves of the paths; all paths twice if there are too few for two pictures.
     halves: [SampleSplit; 2],
     units: Mutex<LightCache<HalfUnits>>,
 }
 
 /// A dump, smoothed where it is.
-struct Soft<'a>(&'a DeviceGather, SoftGather<'a>);
+struct SoftDump<'a>(&'a DeviceGather, SoftGather<'a>);
 
-impl<'a> Soft<'a> {
+impl<'a> SoftDump<'a> {
     fn new(gather: &'a DeviceGather, cell: usize) -> Self {
         Self(gather, SoftGather::new(gather.gather(), cell))
     }
@@ -167,10 +169,10 @@ type HalfUnits = Arc<[Image; 2]>;
 
 impl<'a> GatherRelight<'a> {
     /// None without a dump.
-    pub fn new(relighter: &'a Relighter, prepared: &'a Prepared, monitor: &'a Monitor) -> Option<Self> {
+    pub fn new(relighter: &'a Relighter, prepared: &'a SolveDump, monitor: &'a Monitor) -> Option<Self> {
         let (gather, cell) = (relighter.device_gather()?, prepared.cell * prepared.shrink);
-        let few = prepared.few.iter().map(|(softness, few)| (*softness, Soft::new(few, cell))).collect();
-        let (soft, units) = (Soft::new(gather, cell), Mutex::default());
+        let few = prepared.few.iter().map(|(softness, few)| (*softness, SoftDump::new(few, cell))).collect();
+        let (soft, units) = (SoftDump::new(gather, cell), Mutex::default());
         let halves = [SampleSplit::First, SampleSplit::Second];
         let has_both = halves.iter().all(|half| half.tile_samples(gather.gather().dump(), 0) > 0);
         let halves = if has_both { halves } else { [SampleSplit::All; 2] };
@@ -235,8 +237,8 @@ impl<'a> GatherRelight<'a> {
         self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What a light of this softness is gathered from: few paths while it is soft.
-    fn soft(&self, softness: f32) -> &Soft<'a> {
+    /// Dump that a light of this softness is gathered from: few paths while it is soft.
+    fn soft(&self, softness: f32) -> &SoftDump<'a> {
         let few = self.few.iter().find(|(from, _)| softness >= *from);
         few.map_or(&self.soft, |(_, few)| few)
     }
@@ -249,7 +251,7 @@ impl<'a> GatherRelight<'a> {
         cells: &[u32],
     ) -> Result<relume_gather::Linear, SessionError> {
         self.go_on()?;
-        let Soft(gather, soft) = self.soft(softness);
+        let SoftDump(gather, soft) = self.soft(softness);
         gather.linearise(soft, (light, softness), cells, self.relighter.compute(), self.monitor)
     }
 }
@@ -341,7 +343,7 @@ impl Compare for GatherCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         softness: f32,
-        wanted: &[TermTarget],
+        targets: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         // Exact pictures are denoised.
         if softness == 0.0 {
@@ -349,8 +351,8 @@ impl Compare for GatherCompare<'_> {
         }
         self.relight.go_on()?;
         let GatherRelight { relighter, monitor, .. } = self.relight;
-        let Soft(gather, soft) = self.relight.soft(softness);
-        let goals = (&self.layers, still, &look(wanted));
+        let SoftDump(gather, soft) = self.relight.soft(softness);
+        let goals = (&self.layers, still, &step_targets(targets));
         let compared = gather.compare(soft, (lights, softness), goals, relighter.compute(), monitor)?;
         Ok(compared.map(|of| Compared { loss: of.loss, lights: of.lights, still: of.layers }))
     }

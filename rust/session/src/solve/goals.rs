@@ -3,7 +3,7 @@ use relume_optimise::{Criterion, Goal};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::request::{GoalKind, GoalWish, RegionWish};
+use super::request::{GoalKind, GoalRegion, GoalRequest};
 use crate::error::SessionError;
 
 /// Pictures that a request refers to: by name, or by a path relative to a folder.
@@ -17,8 +17,8 @@ pub struct Pictures {
 const SHADOW: f32 = 1.5;
 const STOPS: f32 = 1.0;
 const MIREDS: f32 = 60.0;
-/// What a place that is to stay as it is counts beside others. It may change by a fiftieth, which is a small difference in any other
-/// goal's measure; and strokes also ask, without words, for no other colour or brightness, of which this has to weigh more.
+/// Weight of a place that is to stay as it is. It may change by a fiftieth, which is little in the measure of other
+/// goals. It also has to outweigh that strokes tacitly ask for no other colour or brightness.
 const KEPT: f32 = 10.0;
 
 impl Pictures {
@@ -45,20 +45,24 @@ impl Pictures {
 
 /// The goals of one view of this size.
 pub(super) fn goals(
-    wishes: &[GoalWish],
+    requests: &[GoalRequest],
     view: usize,
     size: (usize, usize),
     keep_rest: f32,
     pictures: &Pictures,
 ) -> Result<Vec<Goal>, SessionError> {
-    let in_view = wishes.iter().enumerate().filter(|(_, wish)| wish.view == view);
+    let in_view = requests.iter().enumerate().filter(|(_, request)| request.view == view);
     let mut goals = Vec::new();
-    for (i, wish) in in_view {
+    for (i, request) in in_view {
         let fail = |error: SessionError| SessionError::Settings(format!("goal {}: {error}", i + 1));
-        let pixels =
-            wish.region.as_ref().map(|region| weights(region, size, pictures)).transpose().map_err(fail)?;
-        let criterion = criterion(wish, size, pictures).map_err(fail)?;
-        let weight = if wish.goal == GoalKind::Keep { KEPT * wish.weight } else { wish.weight };
+        let pixels = request
+            .region
+            .as_ref()
+            .map(|region| weights(region, size, pictures))
+            .transpose()
+            .map_err(fail)?;
+        let criterion = criterion(request, size, pictures).map_err(fail)?;
+        let weight = if request.goal == GoalKind::Keep { KEPT * request.weight } else { request.weight };
         goals.push(Goal { criterion, pixels, weight });
     }
     if keep_rest > 0.0 {
@@ -67,17 +71,21 @@ pub(super) fn goals(
     Ok(goals)
 }
 
-fn criterion(wish: &GoalWish, size: (usize, usize), pictures: &Pictures) -> Result<Criterion, SessionError> {
-    let stops = wish.stops.unwrap_or(if wish.goal == GoalKind::Shadow { SHADOW } else { STOPS });
-    let mireds = wish.mireds.unwrap_or(MIREDS);
-    Ok(match wish.goal {
+fn criterion(
+    request: &GoalRequest,
+    size: (usize, usize),
+    pictures: &Pictures,
+) -> Result<Criterion, SessionError> {
+    let stops = request.stops.unwrap_or(if request.goal == GoalKind::Shadow { SHADOW } else { STOPS });
+    let mireds = request.mireds.unwrap_or(MIREDS);
+    Ok(match request.goal {
         GoalKind::Target => Criterion::Target {
-            image: fitted("the target", pictures.get(wish.image.as_deref().unwrap_or_default())?, size)?,
-            exposure_invariant: wish.exposure_invariant,
+            image: fitted("the target", pictures.get(request.image.as_deref().unwrap_or_default())?, size)?,
+            exposure_invariant: request.exposure_invariant,
         },
         GoalKind::Brighter => Criterion::Brightness { stops },
         GoalKind::Darker | GoalKind::Shadow => Criterion::Brightness { stops: -stops },
-        GoalKind::Color => Criterion::Color { color: wish.color.unwrap_or([1.0; 3]) },
+        GoalKind::Color => Criterion::Color { color: request.color.unwrap_or([1.0; 3]) },
         GoalKind::Warmer => Criterion::Temperature { mireds },
         GoalKind::Cooler => Criterion::Temperature { mireds: -mireds },
         GoalKind::Keep => Criterion::Keep,
@@ -90,10 +98,10 @@ fn fitted(what: &str, image: Image, (width, height): (usize, usize)) -> Result<I
     if (image.width, image.height) == (width, height) {
         return Ok(image);
     }
-    let (given, wanted) = (image.width as f32 / image.height as f32, width as f32 / height as f32);
+    let (given, expected) = (image.width as f32 / image.height as f32, width as f32 / height as f32);
     // A pixel more or less along an edge is rounding.
     let rounding = 1.0 / image.height.min(height) as f32 + 1.0 / image.width.min(width) as f32;
-    let is_alike = (given / wanted - 1.0).abs() <= rounding;
+    let is_alike = (given / expected - 1.0).abs() <= rounding;
     if !is_alike {
         return Err(SessionError::Settings(format!(
             "{what} is {} x {} pixels, the bake {width} x {height}; crop it to the same aspect",
@@ -110,7 +118,7 @@ fn rgb(image: &Image) -> Image {
     Image { width: image.width, height: image.height, channels: 3, data: data.collect() }
 }
 
-fn weights(region: &RegionWish, size: (usize, usize), pictures: &Pictures) -> Result<Vec<f32>, SessionError> {
+fn weights(region: &GoalRegion, size: (usize, usize), pictures: &Pictures) -> Result<Vec<f32>, SessionError> {
     let mask = match &region.mask {
         Some(name) => {
             let mut mask = pictures.get(name)?;
@@ -119,10 +127,10 @@ fn weights(region: &RegionWish, size: (usize, usize), pictures: &Pictures) -> Re
                     "the mask '{name}' holds values that are infinite or no numbers; render or save it anew"
                 )));
             }
-            if let Some(wanted) = region.equals {
+            if let Some(value) = region.equals {
                 // Before it is scaled: the mean of two indices is the index of something else.
-                let is_wanted = |value: &mut f32| *value = f32::from((*value - wanted).abs() < 0.5);
-                mask.data.iter_mut().for_each(is_wanted);
+                let is_part = |pixel: &mut f32| *pixel = f32::from((*pixel - value).abs() < 0.5);
+                mask.data.iter_mut().for_each(is_part);
             }
             Some(
                 fitted(&format!("the mask '{name}'"), mask, size)?
@@ -137,7 +145,7 @@ fn weights(region: &RegionWish, size: (usize, usize), pictures: &Pictures) -> Re
     Ok(region.drawn.weights(size, mask.as_deref()))
 }
 
-/// To keep what no goal speaks of; none if one speaks of all.
+/// Goal to keep all that no goal speaks of; none if one speaks of all.
 fn rest(goals: &[Goal], (width, height): (usize, usize), weight: f32) -> Option<Goal> {
     let mut free = vec![1.0; width * height];
     for goal in goals {

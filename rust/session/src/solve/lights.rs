@@ -4,7 +4,7 @@ use relume_proxy::LightKind;
 use relume_scene::{Light, LightShape, LobeFactors};
 use std::mem::discriminant;
 
-use super::request::{Answer, BoundsWish, Freedom, NewKind, SolveRequest, Through};
+use super::request::{Answer, Backend, BoundsOptions, FreeParam, NewLightKind, SolveRequest};
 use crate::bake::features::pixel_features;
 use crate::error::SessionError;
 use crate::live::LiveRequest;
@@ -14,9 +14,9 @@ use crate::relight::relighter::Relighter;
 const NEW_CONE: f32 = 0.6;
 const NEW_SUN: f32 = 0.05;
 
-/// What a variable stands for.
+/// Light or world that a variable stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Source {
+pub(super) enum VariableSource {
     /// A light of the request, by its number.
     Scene(usize),
     /// The world.
@@ -25,9 +25,9 @@ pub(super) enum Source {
     New,
 }
 
-/// Where a variable's picture for radiance 1 comes from.
-pub(super) enum Picture {
-    /// Its shape may change.
+/// Source of a variable's picture for radiance 1.
+pub(super) enum VariablePicture {
+    /// Solved light whose shape may change: made at each step.
     Moves,
     /// The world's layer.
     World,
@@ -38,52 +38,62 @@ pub(super) enum Picture {
 /// The lights that are to be solved.
 pub(super) struct Unknowns {
     pub variables: Vec<Variable>,
-    pub sources: Vec<Source>,
+    pub sources: Vec<VariableSource>,
     /// Number of the variable that is the world.
     pub world: Option<usize>,
 }
 
 impl Unknowns {
     pub fn new(request: &SolveRequest, views: &[&Relighter]) -> Result<Self, SessionError> {
-        let wish = &request.wish;
+        let options = &request.options;
         let visible_in = |view: &&Relighter| pixel_features(view.aovs(), view.camera()).visible_bounds();
         let join = |(a, b): (Vec3, Vec3), (c, d): (Vec3, Vec3)| (a.min(c), b.max(d));
         let visible = views.iter().map(visible_in).reduce(join).unwrap_or_default();
-        let stay_of = |name: &str| wish.each.get(name).and_then(|own| own.stay).unwrap_or(wish.stay);
+        let prior_weight_of = |name: &str| {
+            options
+                .per_light
+                .get(name)
+                .and_then(|per_light| per_light.prior_weight)
+                .unwrap_or(options.prior_weight)
+        };
         let mut new = Self { variables: Vec::new(), sources: Vec::new(), world: None };
         for (i, light) in request.now.lights.iter().enumerate() {
-            let locks = wish.free.get(&light.name).map_or(Locks::ALL, |free| locks(free));
+            let locks = options.free.get(&light.name).map_or(Locks::ALL, |free| locks(free));
             let locks = Locks { proportion: request.has_one_size(&light.name), ..locks };
             if !locks.hold_all(&light.shape) {
-                let bounds = bounds(&wish.bounds_of(&light.name), light, visible)?;
-                let stay = stay_of(&light.name);
+                let bounds = bounds(&options.bounds_of(&light.name), light, visible)?;
+                let stay = prior_weight_of(&light.name);
                 new.push(
-                    Source::Scene(i),
+                    VariableSource::Scene(i),
                     Variable { light: light.clone(), locks, bounds, prior_weight: stay },
                 );
             }
         }
-        let world = wish.free.get("world").map_or(Locks::ALL, |free| locks(free));
+        let world = options.free.get("world").map_or(Locks::ALL, |free| locks(free));
         if !(world.color && world.strength) {
             new.world = Some(new.variables.len());
             let locks = Locks { color: world.color, strength: world.strength, ..Locks::ALL };
             // Its picture is made already, so that its shape does not matter.
             let shape = LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 };
             let light = Light { radiance: request.now.world, ..plain("world", shape) };
-            let (bounds, stay) = (bounds(&wish.bounds_of("world"), &light, visible)?, stay_of("world"));
-            new.push(Source::World, Variable { light, locks, bounds, prior_weight: stay });
+            let (bounds, stay) =
+                (bounds(&options.bounds_of("world"), &light, visible)?, prior_weight_of("world"));
+            new.push(VariableSource::World, Variable { light, locks, bounds, prior_weight: stay });
         }
-        for _ in 0..wish.add.map_or(0, |add| add.count) {
-            let shape = new_shape(wish.add.map_or(NewKind::Point, |add| add.kind), visible, views);
+        for _ in 0..options.add.map_or(0, |add| add.count) {
+            let shape = new_shape(options.add.map_or(NewLightKind::Point, |add| add.kind), visible, views);
             let light = Light { radiance: [0.0; 3], ..plain("new light", shape) };
-            let wanted = BoundsWish { stops: None, degrees: None, ..wish.bounds };
-            let bounds = bounds(&wanted, &light, visible)?;
-            new.push(Source::New, Variable { light, locks: Locks::default(), bounds, prior_weight: 0.0 });
+            let options = BoundsOptions { stops: None, degrees: None, ..options.bounds };
+            let bounds = bounds(&options, &light, visible)?;
+            new.push(
+                VariableSource::New,
+                Variable { light, locks: Locks::default(), bounds, prior_weight: 0.0 },
+            );
         }
         Ok(new)
     }
 
-    fn push(&mut self, source: Source, variable: Variable) {
+    fn push(&mut self, source: VariableSource, variable: Variable) {
         self.sources.push(source);
         self.variables.push(variable);
     }
@@ -97,33 +107,36 @@ impl Unknowns {
     /// Lights of which only colour or strength may change.
     pub fn held(&self) -> impl Iterator<Item = &Light> {
         let pairs = self.variables.iter().zip(self.pictures());
-        pairs.filter(|(_, picture)| matches!(picture, Picture::Held)).map(|(variable, _)| &variable.light)
+        pairs
+            .filter(|(_, picture)| matches!(picture, VariablePicture::Held))
+            .map(|(variable, _)| &variable.light)
     }
 
-    pub fn pictures(&self) -> impl Iterator<Item = Picture> {
+    pub fn pictures(&self) -> impl Iterator<Item = VariablePicture> {
         self.variables.iter().zip(&self.sources).map(|(variable, source)| match source {
-            Source::World => Picture::World,
-            _ if variable.locks.hold_shape(&variable.light.shape) => Picture::Held,
-            _ => Picture::Moves,
+            VariableSource::World => VariablePicture::World,
+            _ if variable.locks.hold_shape(&variable.light.shape) => VariablePicture::Held,
+            _ => VariablePicture::Moves,
         })
     }
 
-    /// Whether a light of the request is among them.
+    /// True if a light of the request is among them.
     pub fn solves(&self, number: usize) -> bool {
-        self.sources.contains(&Source::Scene(number))
+        self.sources.contains(&VariableSource::Scene(number))
     }
 
-    /// Where to start: first with the lights as they are and random new ones, then from random places altogether.
+    /// Starts: first the lights as they are with random new ones, then random places altogether.
     pub fn starts(&self, mut random: Vec<Vec<Light>>) -> Vec<Vec<Light>> {
         for (i, source) in self.sources.iter().enumerate() {
-            if *source != Source::New && !random.is_empty() {
+            if *source != VariableSource::New && !random.is_empty() {
                 random[0][i] = self.variables[i].light.clone();
             }
         }
         random
     }
 
-    /// The unknowns as an answer has them. Lights that it left out are dark; its new ones are those that are not there now.
+    /// Values of the unknowns in an earlier answer. Lights that it left out are dark; its new ones are those that are
+    /// not there now.
     ///
     /// # Errors
     /// Names a light that is of another type there.
@@ -134,13 +147,13 @@ impl Unknowns {
         let found = self.sources.iter().zip(&self.variables).map(|(source, variable)| {
             let light = &variable.light;
             let found = match source {
-                Source::Scene(_) => named(&light.name),
-                Source::World => return Ok(Light { radiance: answer.world, ..light.clone() }),
-                Source::New => new.next(),
+                VariableSource::Scene(_) => named(&light.name),
+                VariableSource::World => return Ok(Light { radiance: answer.world, ..light.clone() }),
+                VariableSource::New => new.next(),
             };
             let is_other = |found: &Light| discriminant(&found.shape) != discriminant(&light.shape);
             match found {
-                Some(found) if *source != Source::New && is_other(found) => Err(SessionError::Settings(format!(
+                Some(found) if *source != VariableSource::New && is_other(found) => Err(SessionError::Settings(format!(
                     "\"from\": light '{}' is of another type than it is now; solve again without \"from\"",
                     light.name
                 ))),
@@ -150,25 +163,26 @@ impl Unknowns {
         found.collect()
     }
 
-    /// All lights with found ones in their places, new ones without names at the end; and the factor on the world.
+    /// Lights of the request with solved ones in their places, new ones without names at the end; and the factor on the
+    /// world.
     pub fn all_lights(&self, now: &LiveRequest, found: &[Light]) -> (Vec<Light>, [f32; 3]) {
         let (mut lights, mut world) = (now.lights.clone(), now.world);
         for (source, light) in self.sources.iter().zip(found) {
             match source {
-                Source::Scene(number) => lights[*number] = light.clone(),
-                Source::World => world = light.radiance,
-                Source::New => lights.push(light.clone()),
+                VariableSource::Scene(number) => lights[*number] = light.clone(),
+                VariableSource::World => world = light.radiance,
+                VariableSource::New => lights.push(light.clone()),
             }
         }
         (lights, world)
     }
 
-    /// Which may be left out in the end.
+    /// Variables that may be left out in the end.
     pub fn may_go(&self, scene_lights: bool) -> Vec<bool> {
-        let may_go = |(source, variable): (&Source, &Variable)| match source {
-            Source::New => true,
-            Source::World => false,
-            Source::Scene(_) => {
+        let may_go = |(source, variable): (&VariableSource, &Variable)| match source {
+            VariableSource::New => true,
+            VariableSource::World => false,
+            VariableSource::Scene(_) => {
                 let may_be_dark = variable.bounds.strength.is_none_or(|[least, _]| least <= 0.0);
                 scene_lights && !variable.locks.strength && may_be_dark
             }
@@ -177,8 +191,8 @@ impl Unknowns {
     }
 
     /// Keeps moving lights to where proxies were trained.
-    pub fn keep_inside_proxies(&mut self, relighters: &[&Relighter], through: Through) {
-        if through != Through::Proxy {
+    pub fn keep_inside_proxies(&mut self, relighters: &[&Relighter], backend: Backend) {
+        if backend != Backend::Proxy {
             return;
         }
         for variable in &mut self.variables {
@@ -196,14 +210,14 @@ impl Unknowns {
     }
 }
 
-/// Those that are wished for, or what the camera sees and a little beyond it (more above and below what is flat), and sizes from a
-/// two-hundredth to a fifth of that; with the light itself.
-fn bounds(wish: &BoundsWish, light: &Light, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
+/// Bounds that were asked for. By default they hold the visible scene and a little beyond it, more above and below a
+/// flat one. Sizes go from a two-hundredth to a fifth of it. The light itself is always inside.
+fn bounds(options: &BoundsOptions, light: &Light, (low, high): (Vec3, Vec3)) -> Result<Bounds, SessionError> {
     let extent = low.distance(high).max(1e-3);
     let beyond = (0.3 * extent - 0.5 * (high - low)).max(Vec3::splat(0.02 * extent));
-    let min = wish.min.map_or(low - beyond, Vec3::from);
-    let max = wish.max.map_or(high + beyond, Vec3::from);
-    let [small, large] = wish.size.unwrap_or([extent / 200.0, extent / 5.0]);
+    let min = options.min.map_or(low - beyond, Vec3::from);
+    let max = options.max.map_or(high + beyond, Vec3::from);
+    let [small, large] = options.size.unwrap_or([extent / 200.0, extent / 5.0]);
     let is_box = min.is_finite() && max.is_finite() && min.cmplt(max).all();
     if !(is_box && 0.0 < small && small < large && large.is_finite()) {
         return Err(SessionError::Settings(format!(
@@ -214,44 +228,46 @@ fn bounds(wish: &BoundsWish, light: &Light, (low, high): (Vec3, Vec3)) -> Result
     }
     let usual = Bounds::new(min, max, [small, large]);
     let bounds =
-        Bounds { sun: wish.sun.unwrap_or(usual.sun), cone: wish.cone.unwrap_or(usual.cone), ..usual };
-    let bounds = bounds.including(light).around(light, wish.stops, wish.degrees.map(f32::to_radians));
-    Ok(bounds.tinted(light, wish.tint))
+        Bounds { sun: options.sun.unwrap_or(usual.sun), cone: options.cone.unwrap_or(usual.cone), ..usual };
+    let bounds = bounds.including(light).around(light, options.stops, options.degrees.map(f32::to_radians));
+    Ok(bounds.tinted(light, options.tint))
 }
 
-fn locks(free: &[Freedom]) -> Locks {
-    let is_locked = |value: Freedom| !free.contains(&value);
+fn locks(free: &[FreeParam]) -> Locks {
+    let is_locked = |value: FreeParam| !free.contains(&value);
     Locks {
-        position: is_locked(Freedom::Position),
-        direction: is_locked(Freedom::Direction),
-        size: is_locked(Freedom::Size),
-        cone: is_locked(Freedom::Cone),
-        color: is_locked(Freedom::Color),
-        strength: is_locked(Freedom::Strength),
+        position: is_locked(FreeParam::Position),
+        direction: is_locked(FreeParam::Direction),
+        size: is_locked(FreeParam::Size),
+        cone: is_locked(FreeParam::Cone),
+        color: is_locked(FreeParam::Color),
+        strength: is_locked(FreeParam::Strength),
         proportion: false,
     }
 }
 
-/// In the middle of what is seen, of a size that proxies of the bakes know, facing down. A point light is Blender's default, or
-/// a sphere where only those were learned.
-fn new_shape(kind: NewKind, (low, high): (Vec3, Vec3), views: &[&Relighter]) -> LightShape {
+/// Shape of a new light: in the middle of what is seen, of a size that proxies know, facing down. A point light is
+/// Blender's default, or a sphere if only spheres have a proxy.
+fn new_shape(kind: NewLightKind, (low, high): (Vec3, Vec3), views: &[&Relighter]) -> LightShape {
     let (center, extent) = (0.5 * (low + high), low.distance(high).max(1e-3));
     let known =
         |kind: LightKind| views.iter().find_map(|view| Some(view.proxies().of(kind)?.proxy.info().size));
     let size = |kind: LightKind, usual: f32| known(kind).map_or(usual, |size| (size.min * size.max).sqrt());
     match kind {
-        NewKind::Point if known(LightKind::Sphere).is_some() && known(LightKind::FacingDisk).is_none() => {
+        NewLightKind::Point
+            if known(LightKind::Sphere).is_some() && known(LightKind::FacingDisk).is_none() =>
+        {
             LightShape::Sphere { center, radius: size(LightKind::Sphere, 0.02 * extent) }
         }
-        NewKind::Point => {
+        NewLightKind::Point => {
             LightShape::FacingDisk { center, radius: size(LightKind::FacingDisk, 0.02 * extent) }
         }
-        NewKind::Area => {
+        NewLightKind::Area => {
             let edge = size(LightKind::Quad, 0.1 * extent);
             let (edge_u, edge_v) = (-edge * Vec3::X, edge * Vec3::Y);
             LightShape::Quad { center, edge_u, edge_v, spread: std::f32::consts::PI }
         }
-        NewKind::Spot => LightShape::Spot {
+        NewLightKind::Spot => LightShape::Spot {
             center,
             radius: 0.02 * extent,
             axis: -Vec3::Z,
@@ -259,7 +275,7 @@ fn new_shape(kind: NewKind, (low, high): (Vec3, Vec3), views: &[&Relighter]) -> 
             blend: 0.15,
             soft_falloff: true,
         },
-        NewKind::Sun => LightShape::Sun { direction: Vec3::Z, half_angle: NEW_SUN },
+        NewLightKind::Sun => LightShape::Sun { direction: Vec3::Z, half_angle: NEW_SUN },
     }
 }
 

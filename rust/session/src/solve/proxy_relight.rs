@@ -8,14 +8,16 @@ use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy, compare};
 use relume_scene::{LANES, Light, lane};
 use std::sync::Arc;
 
-use super::look::look;
+use super::step_targets::step_targets;
 use crate::files::proxies::Proxies;
 
 /// Proxies, each for its kind of light.
-pub(super) struct ProxyRelight<'a> {
+pub struct ProxyRelight<'a> {
+    /// Trained proxies.
     pub proxies: &'a Proxies,
     /// The kinds of the lights that move, each with its proxy on the GPU where it is there.
     pub kinds: Vec<(LightKind, Option<&'a GpuProxy>)>,
+    /// Width and height of the picture.
     pub size: (usize, usize),
 }
 
@@ -80,7 +82,7 @@ impl Relight for ProxyRelight<'_> {
     }
 }
 
-/// Whether there are some, all on one device.
+/// True if there are some, all on one device.
 fn are_together(proxies: &[&GpuProxy]) -> bool {
     proxies.first().is_some_and(|first| proxies.iter().all(|proxy| Arc::ptr_eq(proxy.gpu(), first.gpu())))
 }
@@ -97,11 +99,11 @@ impl Compare for ProxyCompare<'_> {
         lights: &[&Light],
         still: &[[f32; 3]],
         _: f32,
-        wanted: &[TermTarget],
+        targets: &[TermTarget],
     ) -> Result<Option<Compared>, RelightError> {
         let params = |light: &&Light| Ok((ProxyRelight::params(light)?, light.radiance));
         let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;
-        let compared = compare(&self.proxies, &self.layers, still, &lights, &look(wanted))?;
+        let compared = compare(&self.proxies, &self.layers, still, &lights, &step_targets(targets))?;
         let by_light = lights.iter().zip(compared.lights);
         let by_light = by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance));
         Ok(Some(Compared { loss: compared.loss, lights: by_light.collect(), still: compared.layers }))
@@ -134,7 +136,7 @@ pub(super) mod tests {
     use relume_proxy::synthetic::SyntheticRoom;
     use relume_proxy::{SizeRange, TrainConfig, Trainer};
 
-    /// Of a picture of 32 x 20 pixels, shortly trained.
+    /// Proxy of a picture of 32 x 20 pixels, shortly trained.
     pub fn trained(kind: LightKind) -> Proxy {
         let source = SyntheticRoom::new(32, 20);
         let mut config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 });

@@ -7,7 +7,7 @@ use serde::de::Error as _;
 use serde_json::{Map, Value};
 use std::collections::HashMap;
 
-/// What is to be solved, as it is read from JSON. Places are fractions of the picture, (0, 0) its top left corner.
+/// Request to solve lights, read from JSON. Places are fractions of the picture, (0, 0) its top left corner.
 ///
 /// ```json
 /// { "lights": [...], "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1],
@@ -22,7 +22,8 @@ use std::collections::HashMap;
 ///   "keep_rest": 0.1, "starts": 4, "steps": 300, "seed": 0 }
 /// ```
 ///
-/// The first four say how the picture is now, as in [`LiveRequest::parse`]; lights and values that `free` does not name stay.
+/// The first four describe the present picture, as in [`LiveRequest::parse`]. Lights and values that `free` does not
+/// name stay.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolveRequest {
     /// The picture as it is.
@@ -30,29 +31,31 @@ pub struct SolveRequest {
     /// The lights as they were written.
     pub(crate) described: Vec<Value>,
     /// The rest.
-    pub wish: Wish,
+    pub options: SolveOptions,
 }
 
-/// What may change, and to what end.
+/// Options of a solve.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Wish {
-    /// What may change, by the light's name; `world` for the world's colour and strength.
-    pub free: HashMap<String, Vec<Freedom>>,
-    /// Where lights may go.
-    pub bounds: BoundsWish,
-    /// What is said of single lights, by their names, in place of `bounds` and `stay`; of the world's bounds only `stops` and `tint`.
-    pub each: HashMap<String, Own>,
+pub struct SolveOptions {
+    /// Parameters that may change, by the light's name; `world` has colour and strength.
+    pub free: HashMap<String, Vec<FreeParam>>,
+    /// Bounds of all lights.
+    pub bounds: BoundsOptions,
+    /// Bounds and priors of single lights, by name, in place of those of all. The world has only `stops` and `tint`.
+    #[serde(rename = "each")]
+    pub per_light: HashMap<String, PerLightOptions>,
     /// New lights.
-    pub add: Option<Add>,
-    /// Whether free lights that do nothing may go.
+    pub add: Option<NewLights>,
+    /// True if free lights that do nothing may go.
     pub remove: bool,
-    /// What the picture should do.
-    pub goals: Vec<GoalWish>,
-    /// How much the picture is to stay where no goal says otherwise; 0 for not at all.
+    /// Goals of the picture.
+    pub goals: Vec<GoalRequest>,
+    /// Weight of the picture staying as it is beside the goals; 0 for none.
     pub keep_rest: f32,
-    /// How much lights are drawn to where they are ([`relume_optimise::Variable::stay`]).
-    pub stay: f32,
+    /// Weight of lights staying where they are ([`relume_optimise::Variable::prior_weight`]).
+    #[serde(rename = "stay")]
+    pub prior_weight: f32,
     /// Starts, of which the best is kept.
     pub starts: usize,
     /// Random places tried for each light of a start.
@@ -63,22 +66,23 @@ pub struct Wish {
     pub pixel_fraction: f32,
     /// Least number of cells, of up to 8 x 8 pixels, that it looks at; below a hundred or so steps are noisy.
     pub least_cells: usize,
-    /// Adam's.
+    /// Learning rate of Adam.
     pub learning_rate: f32,
     /// Seed.
     pub seed: u64,
     /// Most steps of the polish by exact pictures; 0 for none.
     pub polish: usize,
-    /// What makes the gradients.
-    pub through: Through,
-    /// Where to start instead of now and in random places: an earlier answer. With 0 steps it is only polished.
+    /// Backend of the gradients.
+    #[serde(rename = "through")]
+    pub backend: Backend,
+    /// Earlier answer to start from instead of the present lights and random places. With 0 steps it is only polished.
     pub from: Option<Answer>,
 }
 
-/// Of an earlier answer ([`super::Solved`], whose other fields may be there too).
+/// Earlier answer ([`super::Solved`], whose other fields may be present).
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Answer {
-    /// All lights as they were found.
+    /// Lights of that answer.
     #[serde(deserialize_with = "light_set")]
     pub lights: Vec<Light>,
     /// Factor on the world's light.
@@ -96,17 +100,17 @@ fn white() -> [f32; 3] {
     [1.0; 3]
 }
 
-impl Default for Wish {
+impl Default for SolveOptions {
     fn default() -> Self {
         Self {
             free: HashMap::new(),
-            bounds: BoundsWish::default(),
-            each: HashMap::new(),
+            bounds: BoundsOptions::default(),
+            per_light: HashMap::new(),
             add: None,
             remove: false,
             goals: Vec::new(),
             keep_rest: 0.0,
-            stay: 0.0,
+            prior_weight: 0.0,
             starts: 4,
             candidates: 16,
             steps: 300,
@@ -115,7 +119,7 @@ impl Default for Wish {
             learning_rate: 0.05,
             seed: 0,
             polish: 64,
-            through: Through::Auto,
+            backend: Backend::Auto,
             from: None,
         }
     }
@@ -125,7 +129,7 @@ impl Default for Wish {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the names of `relume_optimise::Locks`")]
-pub enum Freedom {
+pub enum FreeParam {
     Position,
     Direction,
     Size,
@@ -134,35 +138,34 @@ pub enum Freedom {
     Strength,
 }
 
-/// A box for centres, metres, the sizes between which a light may be, and how far it may go from how strong, coloured and
-/// directed it is. What is absent is as for all lights; if it is absent there, what the camera sees and its parts, and any strength,
-/// colour and direction.
+/// Bounds of a light. An absent bound is that of all lights. Absent there, places and sizes follow the visible scene,
+/// and strength, colour and direction are free.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct BoundsWish {
-    /// Lower corner.
+pub struct BoundsOptions {
+    /// Lower corner of the box of centres, metres.
     pub min: Option<[f32; 3]>,
-    /// Upper corner.
+    /// Upper corner of the box of centres, metres.
     pub max: Option<[f32; 3]>,
-    /// Smallest and largest radius or edge.
+    /// Smallest and largest radius or edge, metres.
     pub size: Option<[f32; 2]>,
     /// Smallest and largest half angle of a sun, radians.
     pub sun: Option<[f32; 2]>,
     /// Smallest and largest half angle of a spot's cone, radians.
     pub cone: Option<[f32; 2]>,
-    /// Least and most strength (luminance of the power) by how many stops it is above what it is now. New lights have none to go by.
+    /// Least and most strength (luminance of the power), in stops above the present one. New lights have none to go by.
     pub stops: Option<[f32; 2]>,
-    /// By how many stops the ratio of two channels of the colour may at most differ from what it is now; of white, for new lights.
+    /// Largest change in the ratio of two colour channels, in stops, from the present one; from white, for new lights.
     pub tint: Option<f32>,
-    /// Furthest that a spot, an area light or a sun may turn from where it points now, degrees; not for new lights.
+    /// Largest turn of a spot, an area light or a sun from its present direction, degrees; not for new lights.
     pub degrees: Option<f32>,
 }
 
 /// More stops than there are between starlight and the sun.
 const MOST_STOPS: f32 = 64.0;
 
-impl BoundsWish {
-    /// These, and those of all lights for what is absent.
+impl BoundsOptions {
+    /// These bounds, with those of all lights for absent ones.
     fn or(self, all: Self) -> Self {
         Self {
             min: self.min.or(all.min),
@@ -176,7 +179,7 @@ impl BoundsWish {
         }
     }
 
-    /// What is wrong with strength, colour and direction.
+    /// Checks strength, colour and direction.
     fn check(&self) -> Result<(), String> {
         let are_stops = |[low, high]: [f32; 2]| -MOST_STOPS <= low && low <= high && high <= MOST_STOPS;
         if !self.stops.is_none_or(are_stops) {
@@ -193,31 +196,32 @@ impl BoundsWish {
     }
 }
 
-/// What is said of one light.
+/// Options of one light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Own {
-    /// Where it may go.
-    pub bounds: Option<BoundsWish>,
-    /// How much it is drawn to where it is.
-    pub stay: Option<f32>,
+pub struct PerLightOptions {
+    /// Bounds of the light.
+    pub bounds: Option<BoundsOptions>,
+    /// Weight of the light staying where it is.
+    #[serde(rename = "stay")]
+    pub prior_weight: Option<f32>,
 }
 
 /// Lights that may be added.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Add {
-    /// At most so many.
+pub struct NewLights {
+    /// Largest number of new lights.
     pub count: usize,
-    /// What they are.
+    /// Type of the new lights.
     #[serde(default, rename = "type")]
-    pub kind: NewKind,
+    pub kind: NewLightKind,
 }
 
 /// Type of an added light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum NewKind {
+pub enum NewLightKind {
     /// A point light as Blender makes it.
     #[default]
     Point,
@@ -229,10 +233,10 @@ pub enum NewKind {
     Sun,
 }
 
-/// What makes the gradients.
+/// Backend that makes the gradients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Through {
+pub enum Backend {
     /// The smoothed gather where there is a bake, else proxies.
     #[default]
     Auto,
@@ -245,31 +249,31 @@ pub enum Through {
 /// A goal.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct GoalWish {
-    /// What is asked for.
+pub struct GoalRequest {
+    /// Kind of goal.
     pub goal: GoalKind,
     /// The part of the picture; all of it if absent.
     #[serde(default, rename = "where")]
-    pub region: Option<RegionWish>,
+    pub region: Option<GoalRegion>,
     /// Weight beside other goals.
     #[serde(default = "one")]
     pub weight: f32,
-    /// Which of several views.
+    /// Number of the view, of several.
     #[serde(default)]
     pub view: usize,
-    /// Of `target`: name or path of a picture.
+    /// Name or path of the picture of a `target`.
     #[serde(default)]
     pub image: Option<String>,
-    /// Of `target`: whether its exposure does not matter.
+    /// True if the exposure of a `target` does not matter.
     #[serde(default)]
     pub exposure_invariant: bool,
-    /// Of `brighter`, `darker` and `shadow`: by how many stops.
+    /// Stops of `brighter`, `darker` and `shadow`.
     #[serde(default)]
     pub stops: Option<f32>,
-    /// Of `warmer` and `cooler`: by how many mireds.
+    /// Mireds of `warmer` and `cooler`.
     #[serde(default)]
     pub mireds: Option<f32>,
-    /// Of `color`: linear RGB.
+    /// Linear RGB of `color`.
     #[serde(default)]
     pub color: Option<[f32; 3]>,
 }
@@ -278,7 +282,7 @@ fn one() -> f32 {
     1.0
 }
 
-/// What a goal is.
+/// Kind of a goal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "their names say it")]
@@ -295,7 +299,7 @@ pub enum GoalKind {
 
 /// The union of strokes, a rectangle and a mask.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-pub struct RegionWish {
+pub struct GoalRegion {
     /// Strokes and rectangle.
     #[serde(flatten)]
     pub drawn: Region,
@@ -307,10 +311,10 @@ pub struct RegionWish {
     pub equals: Option<f32>,
 }
 
-impl Wish {
+impl SolveOptions {
     /// Bounds of a light, or of the world, by its name.
-    pub(super) fn bounds_of(&self, name: &str) -> BoundsWish {
-        self.each.get(name).and_then(|own| own.bounds).unwrap_or_default().or(self.bounds)
+    pub(super) fn bounds_of(&self, name: &str) -> BoundsOptions {
+        self.per_light.get(name).and_then(|per_light| per_light.bounds).unwrap_or_default().or(self.bounds)
     }
 }
 
@@ -318,16 +322,17 @@ impl SolveRequest {
     /// Reads a request.
     ///
     /// # Errors
-    /// In words that name the light, the goal or the field.
+    /// Names the light, the goal or the field.
     pub fn parse(text: &str) -> Result<Self, String> {
         let value: Map<String, Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
         let is_now = |key: &str| ["lights", "gains", "world", "static"].contains(&key);
-        let (mut now, wish): (Map<_, _>, Map<_, _>) = value.into_iter().partition(|(key, _)| is_now(key));
+        let (mut now, options): (Map<_, _>, Map<_, _>) = value.into_iter().partition(|(key, _)| is_now(key));
         let lights = now.entry("lights").or_insert_with(|| Value::Array(Vec::new()));
         let described = lights.get("lights").unwrap_or(lights).as_array().cloned().unwrap_or_default();
         let now = LiveRequest::from_json(now)?;
-        let wish: Wish = serde_json::from_value(Value::Object(wish)).map_err(|error| error.to_string())?;
-        let request = Self { now, described, wish };
+        let options: SolveOptions =
+            serde_json::from_value(Value::Object(options)).map_err(|error| error.to_string())?;
+        let request = Self { now, described, options };
         request.check()?;
         Ok(request)
     }
@@ -338,52 +343,57 @@ impl SolveRequest {
         serde_json::from_value(described.clone()).ok()
     }
 
-    /// Whether a light is a square or a disk in Blender, and is to stay one.
+    /// True if a light is a square or a disk in Blender, and has to stay one.
     pub(super) fn has_one_size(&self, name: &str) -> bool {
         let kind = self.blender_light(name).map(|light| light.kind);
         matches!(kind, Some(BlenderLightKind::Area { shape, .. }) if shape.is_even())
     }
 
     fn check(&self) -> Result<(), String> {
-        let wish = &self.wish;
+        let options = &self.options;
         let known = |name: &str| name == "world" || self.now.lights.iter().any(|light| light.name == name);
-        if let Some(name) = wish.free.keys().find(|name| !known(name)) {
+        if let Some(name) = options.free.keys().find(|name| !known(name)) {
             return Err(format!("\"free\" names '{name}', which is not one of the lights"));
         }
-        for (name, own) in &wish.each {
+        for (name, per_light) in &options.per_light {
             if !known(name) {
                 return Err(format!("\"each\" names '{name}', which is not one of the lights"));
             }
-            let bounds = own.bounds.unwrap_or_default();
-            let BoundsWish { stops, tint, .. } = bounds;
-            if name == "world" && bounds != (BoundsWish { stops, tint, ..BoundsWish::default() }) {
+            let bounds = per_light.bounds.unwrap_or_default();
+            let BoundsOptions { stops, tint, .. } = bounds;
+            if name == "world" && bounds != (BoundsOptions { stops, tint, ..BoundsOptions::default() }) {
                 let reason =
                     "\"each\": the world is nowhere, so its \"bounds\" can only be \"stops\" and \"tint\"";
                 return Err(reason.into());
             }
             bounds.check().map_err(|reason| format!("\"each\": of the bounds of '{name}', {reason}"))?;
-            if !own.stay.is_none_or(|stay| stay.is_finite() && stay >= 0.0) {
+            if !per_light.prior_weight.is_none_or(|stay| stay.is_finite() && stay >= 0.0) {
                 return Err(format!("\"each\": \"stay\" of '{name}' must not be below 0"));
             }
         }
-        wish.bounds.check().map_err(|reason| format!("\"bounds\": {reason}"))?;
-        if wish.from.as_ref().is_some_and(|from| !from.world.iter().all(|value| value.is_finite())) {
+        options.bounds.check().map_err(|reason| format!("\"bounds\": {reason}"))?;
+        if options.from.as_ref().is_some_and(|from| !from.world.iter().all(|value| value.is_finite())) {
             return Err("\"from\": the world's factor must be finite".into());
         }
-        if wish.add.is_some_and(|add| add.count > MOST_NEW) {
+        if options.add.is_some_and(|add| add.count > MOST_NEW) {
             return Err(format!("\"add\" may ask for {MOST_NEW} lights at most"));
         }
-        if wish.starts > 1024 || wish.steps > 100_000 || wish.candidates > 1024 || wish.polish > 10_000 {
+        if options.starts > 1024
+            || options.steps > 100_000
+            || options.candidates > 1024
+            || options.polish > 10_000
+        {
             return Err("\"starts\", \"candidates\", \"steps\" or \"polish\" is too large".into());
         }
-        let finite = [wish.keep_rest, wish.stay, wish.pixel_fraction, wish.learning_rate];
+        let finite = [options.keep_rest, options.prior_weight, options.pixel_fraction, options.learning_rate];
         if !finite.iter().all(|value| value.is_finite() && *value >= 0.0) {
             return Err(
                 "\"keep_rest\", \"stay\", \"pixel_fraction\" and \"learning_rate\" must not be below 0"
                     .into(),
             );
         }
-        wish.goals
+        options
+            .goals
             .iter()
             .enumerate()
             .try_for_each(|(i, goal)| goal.check().map_err(|reason| format!("goal {}: {reason}", i + 1)))
@@ -393,7 +403,7 @@ impl SolveRequest {
 /// More new lights than this cannot be told apart by a picture.
 const MOST_NEW: usize = 64;
 
-impl GoalWish {
+impl GoalRequest {
     fn check(&self) -> Result<(), String> {
         let numbers = [Some(self.weight), self.stops, self.mireds];
         let colors = self.color.iter().flatten().copied();
@@ -427,9 +437,9 @@ mod tests {
             r#""free": {"Key": ["position", "color"]}, "goals": [{"goal": "brighter", "stops": 1,
                 "where": {"rectangle": [0, 0, 1, 1], "mask": "a.png"}}], "add": {"count": 2, "type": "area"}"#,
         );
-        let wish = good.unwrap().wish;
-        assert_eq!(wish.free["Key"], [Freedom::Position, Freedom::Color]);
-        assert_eq!(wish.goals[0].region.as_ref().unwrap().drawn.rectangle, Some([0.0, 0.0, 1.0, 1.0]));
+        let options = good.unwrap().options;
+        assert_eq!(options.free["Key"], [FreeParam::Position, FreeParam::Color]);
+        assert_eq!(options.goals[0].region.as_ref().unwrap().drawn.rectangle, Some([0.0, 0.0, 1.0, 1.0]));
         let fault = |rest: &str| read(rest).unwrap_err();
         assert!(fault(r#""free": {"Kay": []}"#).contains("'Kay'"));
         assert!(fault(r#""goals": [{"goal": "target"}]"#).contains("goal 1: a target needs"));
@@ -447,11 +457,11 @@ mod tests {
     #[test]
     fn what_is_said_of_one_light_is_read_and_its_faults_name_it() {
         let read = |each: &str| SolveRequest::parse(&format!(r#"{{"lights": [{LIGHT}], "each": {each}}}"#));
-        let wish = read(r#"{"Key": {"bounds": {"max": [1, 1, 1.5]}, "stay": 0.5}, "world": {"stay": 1}}"#);
-        let each = wish.unwrap().wish.each;
-        let bounds = BoundsWish { max: Some([1.0, 1.0, 1.5]), ..BoundsWish::default() };
-        assert_eq!(each["Key"], Own { bounds: Some(bounds), stay: Some(0.5) });
-        assert_eq!(each["world"].stay, Some(1.0));
+        let options = read(r#"{"Key": {"bounds": {"max": [1, 1, 1.5]}, "stay": 0.5}, "world": {"stay": 1}}"#);
+        let per_light = options.unwrap().options.per_light;
+        let bounds = BoundsOptions { max: Some([1.0, 1.0, 1.5]), ..BoundsOptions::default() };
+        assert_eq!(per_light["Key"], PerLightOptions { bounds: Some(bounds), prior_weight: Some(0.5) });
+        assert_eq!(per_light["world"].prior_weight, Some(1.0));
         let fault = |each: &str| read(each).unwrap_err();
         assert!(fault(r#"{"Kay": {}}"#).contains("'Kay'"));
         assert!(fault(r#"{"Key": {"stay": -1}}"#).contains("\"stay\" of 'Key'"));
@@ -472,8 +482,8 @@ mod tests {
         ] {
             let of_all = read(&format!(r#""bounds": {bounds}"#)).unwrap_err();
             assert!(of_all.starts_with(&format!("\"bounds\": \"{field}\" must be")), "{of_all}");
-            let own = read(&format!(r#""each": {{"Key": {{"bounds": {bounds}}}}}"#)).unwrap_err();
-            assert!(own.contains(&format!("of 'Key', \"{field}\" must be")), "{own}");
+            let one = read(&format!(r#""each": {{"Key": {{"bounds": {bounds}}}}}"#)).unwrap_err();
+            assert!(one.contains(&format!("of 'Key', \"{field}\" must be")), "{one}");
         }
         assert_eq!(read(r#""bounds": {"stops": [0, 0], "tint": 0, "degrees": 0}"#), Ok(()));
     }

@@ -14,7 +14,7 @@ use super::proxy_relight::ProxyRelight;
 use super::request::GoalKind;
 use super::scene_view::{SceneView, Scenes};
 use super::solved::reports;
-use super::{Preview, SoFar, SolveRequest, Wish};
+use super::{InterimLights, Preview, SolveOptions, SolveRequest};
 use crate::error::SessionError;
 use crate::files::light_set::LightSet;
 use crate::progress::{Monitor, Stage};
@@ -27,23 +27,23 @@ const MOST_REARRANGEMENTS: usize = 3;
 const ARRANGEMENTS_TRIED: usize = 4;
 /// Share of the loss that another arrangement may leave.
 const REARRANGING_PAYS: f64 = 0.8;
-/// Loss from which on a picture is better solved again: differences of a hundredth of white.
+/// Least loss that is worth solving again: differences of a hundredth of white.
 const VISIBLE: f64 = 1e-4;
 
-/// What a search has found.
-pub(super) struct Found {
-    /// In the order of the unknowns.
+/// Result of a search.
+pub(super) struct SearchResult {
+    /// Lights in the order of the unknowns.
     pub lights: Vec<Light>,
     /// Numbers of those that are not needed.
     pub idle: Vec<usize>,
     pub loss: f64,
     pub start_loss: f64,
     pub start: usize,
-    /// Of each step of the exploration from that start, on that step's cells.
+    /// Loss of each step of the exploration from that start, on that step's cells.
     pub losses: Vec<f64>,
 }
 
-impl Found {
+impl SearchResult {
     /// The lights, dark where they are not needed.
     pub fn lit(&self) -> Vec<Light> {
         let lit = |(number, light): (usize, &Light)| match self.idle.contains(&number) {
@@ -55,14 +55,14 @@ impl Found {
 }
 
 /// A proxy on the GPU that is held for a search, and those before it.
-struct Held<'a> {
+struct HeldProxy<'a> {
     relighter: &'a Relighter,
     kind: LightKind,
     proxy: &'a GpuProxy,
-    before: Option<&'a Held<'a>>,
+    before: Option<&'a HeldProxy<'a>>,
 }
 
-impl<'a> Held<'a> {
+impl<'a> HeldProxy<'a> {
     fn find(held: Option<&'a Self>, relighter: &Relighter, kind: LightKind) -> Option<&'a GpuProxy> {
         let held = held?;
         match std::ptr::eq(held.relighter, relighter) && held.kind == kind {
@@ -82,7 +82,7 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
-    pub fn run(&self) -> Result<Found, SessionError> {
+    pub fn run(&self) -> Result<SearchResult, SessionError> {
         let gathers = self.scenes.gathered.iter().flatten();
         let gathers: Vec<GatherRelight> = gathers.filter_map(|scene| scene.by_gather(self.monitor)).collect();
         let relights = as_relights(&gathers);
@@ -92,16 +92,16 @@ impl Search<'_> {
             (proxied, _) => self.explore_proxies(proxied.as_deref().unwrap_or_default())?,
         };
         let Solution { lights, runner_up, loss, start_loss, start, losses, .. } = explored;
-        let mut found = Found { lights, idle: Vec::new(), loss, start_loss, start, losses };
+        let mut found = SearchResult { lights, idle: Vec::new(), loss, start_loss, start, losses };
         match &by_gather {
-            Some(problem) if self.request.wish.polish > 0 => {
+            Some(problem) if self.request.options.polish > 0 => {
                 self.refine(problem, &mut found, runner_up)?;
                 self.drop_idle(problem, &mut found)?;
                 self.polish_kept(problem, &mut found)?;
             }
             Some(problem) => self.drop_idle(problem, &mut found)?,
             None => {
-                let scenes = self.scenes.told();
+                let scenes = self.scenes.judging();
                 let proxies = proxy_relights(scenes, &[], None);
                 self.drop_idle(&self.problem(scenes, &as_relights(&proxies)), &mut found)?;
             }
@@ -113,7 +113,7 @@ impl Search<'_> {
     fn refine(
         &self,
         problem: &Problem,
-        found: &mut Found,
+        found: &mut SearchResult,
         runner_up: Option<RunnerUp>,
     ) -> Result<(), SessionError> {
         let polished = self.polish(problem, &candidates(&found.lights, runner_up.as_ref()))?;
@@ -121,7 +121,7 @@ impl Search<'_> {
             (found.start, found.start_loss, found.losses) = (second.start, second.start_loss, second.losses);
         }
         (found.lights, found.loss) = (polished.lights, polished.loss);
-        if self.request.wish.starts > 1 && self.request.wish.steps > 0 {
+        if self.request.options.starts > 1 && self.request.options.steps > 0 {
             self.rearrange(problem, found)?;
         }
         Ok(())
@@ -130,7 +130,7 @@ impl Search<'_> {
     fn show(&self, found: &[Light]) {
         let (lights, world) = self.unknowns.all_lights(&self.request.now, found);
         let lights = LightSet { name: "Solving".into(), lights, notes: Vec::new() };
-        (self.preview)(&SoFar { lights, world });
+        (self.preview)(&InterimLights { lights, world });
     }
 
     fn problem<'b>(&self, scenes: &'b [SceneView], relights: &'b [&'b dyn Relight]) -> Problem<'b> {
@@ -147,26 +147,26 @@ impl Search<'_> {
             }
         }
         let relighters = scenes.iter().map(|scene| scene.relighter);
-        let wanted = relighters.flat_map(|relighter| kinds.iter().map(move |kind| (relighter, *kind)));
-        self.explore_on(scenes, &wanted.collect::<Vec<_>>(), &kinds, None)
+        let proxies = relighters.flat_map(|relighter| kinds.iter().map(move |kind| (relighter, *kind)));
+        self.explore_on(scenes, &proxies.collect::<Vec<_>>(), &kinds, None)
     }
 
-    /// Takes hold of the wanted proxies on the GPU, one after the other, then explores.
+    /// Locks proxies on the GPU one after the other, then explores.
     fn explore_on(
         &self,
         scenes: &[SceneView],
-        wanted: &[(&Relighter, LightKind)],
+        proxies: &[(&Relighter, LightKind)],
         kinds: &[LightKind],
-        held: Option<&Held>,
+        held: Option<&HeldProxy>,
     ) -> Result<Solution, SessionError> {
-        let Some(((relighter, kind), rest)) = wanted.split_first() else {
+        let Some(((relighter, kind), rest)) = proxies.split_first() else {
             let proxies = proxy_relights(scenes, kinds, held);
             return self.explore(&self.problem(scenes, &as_relights(&proxies)), [0.0; 2]);
         };
-        let found = match Held::find(held, relighter, *kind) {
+        let found = match HeldProxy::find(held, relighter, *kind) {
             Some(_) => None, // By a view before, of the same bake.
             None => relighter.on_gpu_proxy(*kind, self.monitor, |proxy| {
-                let held = Held { relighter, kind: *kind, proxy, before: held };
+                let held = HeldProxy { relighter, kind: *kind, proxy, before: held };
                 self.explore_on(scenes, rest, kinds, Some(&held))
             })?,
         };
@@ -174,20 +174,20 @@ impl Search<'_> {
     }
 
     fn explore(&self, problem: &Problem, softness: [f32; 2]) -> Result<Solution, SessionError> {
-        let wish = &self.request.wish;
+        let options = &self.request.options;
         let random = RandomStarts {
-            count: wish.starts.max(1),
-            candidates: wish.candidates,
+            count: options.starts.max(1),
+            candidates: options.candidates,
             softness: softness[0],
-            seed: wish.seed,
+            seed: options.seed,
         };
-        let mut starts = match &wish.from {
+        let mut starts = match &options.from {
             Some(answer) => vec![self.unknowns.of_answer(&self.request.now, answer)?],
             None => self.unknowns.starts(random_starts(problem, &random)?),
         };
         // Where nothing may move and nothing is new all begin with the lights as they are.
         starts.dedup();
-        self.race(problem, &starts, wish.steps, softness)
+        self.race(problem, &starts, options.steps, softness)
     }
 
     fn race(
@@ -197,7 +197,7 @@ impl Search<'_> {
         iterations: usize,
         softness: [f32; 2],
     ) -> Result<Solution, SessionError> {
-        let Wish { learning_rate, pixel_fraction, least_cells, seed, .. } = self.request.wish;
+        let SolveOptions { learning_rate, pixel_fraction, least_cells, seed, .. } = self.request.options;
         let settings = Settings { iterations, learning_rate, pixel_fraction, least_cells, softness, seed };
         let stage = self.monitor.stage(Stage::Optimise, 0, iterations as u64);
         let furthest = AtomicU64::new(0);
@@ -222,7 +222,7 @@ impl Search<'_> {
     }
 
     fn polish(&self, problem: &Problem, candidates: &[&[Light]]) -> Result<Polished, SessionError> {
-        let steps = self.request.wish.polish;
+        let steps = self.request.options.polish;
         let stage = self.monitor.stage(Stage::Polish, 0, steps as u64);
         let polished = polish(problem, candidates, steps, &mut |step| {
             stage.set(step.iteration as u64 + 1, &format!("loss {:.2e}", step.loss));
@@ -233,12 +233,12 @@ impl Search<'_> {
     }
 
     /// Leaves local minima by other arrangements of the lights, as long as the goals are better served by that.
-    fn rearrange(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
+    fn rearrange(&self, problem: &Problem, found: &mut SearchResult) -> Result<(), SessionError> {
         for _ in 0..MOST_REARRANGEMENTS {
             if found.loss < VISIBLE {
                 break;
             }
-            if self.seems_to_do_what_is_asked(found)? {
+            if self.seems_to_meet_goals(found)? {
                 // Noise may hide that it does not, or it does far too much: one other place is worth the time.
                 if is_uncertain(problem, &found.lights)? {
                     self.relocate(problem, found)?;
@@ -252,12 +252,12 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Whether each stroke has what was asked for. There is always more to be gained from a target.
-    fn seems_to_do_what_is_asked(&self, found: &Found) -> Result<bool, SessionError> {
-        if self.request.wish.goals.iter().any(|goal| goal.goal == GoalKind::Target) {
+    /// True if each stroke has what was asked for. A target can always be met better.
+    fn seems_to_meet_goals(&self, found: &SearchResult) -> Result<bool, SessionError> {
+        if self.request.options.goals.iter().any(|goal| goal.goal == GoalKind::Target) {
             return Ok(false);
         }
-        for (number, scene) in self.scenes.told().iter().enumerate() {
+        for (number, scene) in self.scenes.judging().iter().enumerate() {
             let after = scene.picture(&found.lights, self.monitor)?;
             if !reports(self.request, number, scene, &after).all(|(_, report)| report.met) {
                 return Ok(false);
@@ -266,20 +266,20 @@ impl Search<'_> {
         Ok(true)
     }
 
-    /// Whether it pays to have one of the lights somewhere else.
-    fn relocate(&self, problem: &Problem, found: &mut Found) -> Result<bool, SessionError> {
-        let others = relocations(problem, &found.lights, ARRANGEMENTS_TRIED, self.request.wish.seed)?;
+    /// Moves one of the lights somewhere else, if that pays.
+    fn relocate(&self, problem: &Problem, found: &mut SearchResult) -> Result<bool, SessionError> {
+        let others = relocations(problem, &found.lights, ARRANGEMENTS_TRIED, self.request.options.seed)?;
         self.polish_others(problem, found, &others.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
 
-    /// Whether it pays to regroup the lights and to solve again.
-    fn regroup(&self, problem: &Problem, found: &mut Found) -> Result<bool, SessionError> {
+    /// Regroups the lights and solves again, if that pays.
+    fn regroup(&self, problem: &Problem, found: &mut SearchResult) -> Result<bool, SessionError> {
         let [_, softness] = SOFTNESS;
         let others = regroupings(problem, &found.lights, softness, ARRANGEMENTS_TRIED)?;
         if others.is_empty() {
             return Ok(false);
         }
-        let steps = self.request.wish.steps / 2;
+        let steps = self.request.options.steps / 2;
         let solution = self.race(problem, &others, steps, [2.0 * softness, softness])?;
         self.polish_others(problem, found, &candidates(&solution.lights, solution.runner_up.as_ref()))
     }
@@ -288,7 +288,7 @@ impl Search<'_> {
     fn polish_others(
         &self,
         problem: &Problem,
-        found: &mut Found,
+        found: &mut SearchResult,
         others: &[&[Light]],
     ) -> Result<bool, SessionError> {
         if others.is_empty() {
@@ -303,14 +303,14 @@ impl Search<'_> {
     }
 
     /// Finds lights that are not needed.
-    fn drop_idle(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
-        let may_go = self.unknowns.may_go(self.request.wish.remove);
+    fn drop_idle(&self, problem: &Problem, found: &mut SearchResult) -> Result<(), SessionError> {
+        let may_go = self.unknowns.may_go(self.request.options.remove);
         found.idle = idle_lights(problem, &found.lights, &may_go, 0.0)?;
         Ok(())
     }
 
     /// Polishes the others once more where lights are dropped, without them.
-    fn polish_kept(&self, problem: &Problem, found: &mut Found) -> Result<(), SessionError> {
+    fn polish_kept(&self, problem: &Problem, found: &mut SearchResult) -> Result<(), SessionError> {
         let kept: Vec<usize> = (0..found.lights.len()).filter(|i| !found.idle.contains(i)).collect();
         if found.idle.is_empty() || kept.is_empty() {
             return Ok(());
@@ -334,11 +334,11 @@ impl Search<'_> {
 fn proxy_relights<'a>(
     scenes: &[SceneView<'a>],
     kinds: &[LightKind],
-    held: Option<&'a Held<'a>>,
+    held: Option<&'a HeldProxy<'a>>,
 ) -> Vec<ProxyRelight<'a>> {
     let of = |scene: &SceneView<'a>| ProxyRelight {
         proxies: scene.relighter.proxies(),
-        kinds: kinds.iter().map(|kind| (*kind, Held::find(held, scene.relighter, *kind))).collect(),
+        kinds: kinds.iter().map(|kind| (*kind, HeldProxy::find(held, scene.relighter, *kind))).collect(),
         size: scene.size(),
     };
     scenes.iter().map(of).collect()
@@ -348,7 +348,7 @@ fn as_relights<R: Relight>(relights: &[R]) -> Vec<&dyn Relight> {
     relights.iter().map(|relight| relight as &dyn Relight).collect()
 }
 
-/// What is to be polished.
+/// Lights that are to be polished.
 fn candidates<'a>(best: &'a [Light], second: Option<&'a RunnerUp>) -> Vec<&'a [Light]> {
     std::iter::once(best).chain(second.map(|second| &second.lights[..])).collect()
 }

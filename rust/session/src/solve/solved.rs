@@ -5,10 +5,10 @@ use serde_json::{Map, Value, json};
 use std::collections::HashSet;
 use std::time::Instant;
 
-use super::lights::{Source, Unknowns};
-use super::request::{GoalKind, SolveRequest, Through};
-use super::scene_view::{Looks, SceneView, Scenes};
-use super::search::Found;
+use super::lights::{Unknowns, VariableSource};
+use super::request::{Backend, GoalKind, SolveRequest};
+use super::scene_view::{SceneView, Scenes, ViewPictures};
+use super::search::SearchResult;
 use crate::error::SessionError;
 use crate::files::light_set::LightSet;
 use crate::progress::Monitor;
@@ -20,11 +20,12 @@ const TOLD_MIREDS: f32 = 5.0;
 /// Solved lights.
 #[derive(Clone, Debug, Serialize)]
 pub struct Solved {
-    /// All lights as they should be, gains multiplied in; removed ones are absent.
+    /// Lights of the answer, gains multiplied in; removed ones are absent.
     pub lights: LightSet,
     /// Factor on the world's light.
     pub world: [f32; 3],
-    /// Names of lights that were solved.
+    /// Names of solved lights that hardly any path of a bake meets, so that their pictures are noise. Bake towards the
+    /// answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::SolveOptions::from`]).
     pub changed: Vec<String>,
     /// Names of new ones.
     pub added: Vec<String>,
@@ -32,31 +33,33 @@ pub struct Solved {
     pub removed: Vec<String>,
     /// Settings of Blender's lights for what was changed or added.
     pub blender: Vec<Value>,
-    /// What became of each goal.
+    /// Report of each goal.
     pub report: Vec<GoalReport>,
-    /// What the user should know.
+    /// Warnings to the user.
     pub warnings: Vec<String>,
-    /// Names of lights that were solved and that hardly any path of a bake meets where they are now, so that all that is said of
-    /// them is noise. Bake towards the answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::Wish::from`]).
-    pub rarely_met: Vec<String>,
-    /// What is left of the loss.
+    /// Names of solved lights that hardly any path of a bake meets, so that their pictures are noise. Bake towards the
+    /// answer ([`relume_trace::TraceSettings::guide_targets`]) and solve on from it ([`super::SolveOptions::from`]).
+    #[serde(rename = "rarely_met")]
+    pub under_sampled: Vec<String>,
+    /// Loss at the end.
     pub loss: f64,
     /// The loss at the start that it was found from.
     pub start_loss: f64,
     /// Number of that start; 0 is the lights as they were.
     pub start: usize,
-    /// Of each step of the exploration from there. Each looks at other cells, and lights are softest at the first.
+    /// Loss of each step of the exploration. Each looks at other cells, and lights are softest at the first.
     pub losses: Vec<f64>,
     /// `gather` or `proxy`.
-    pub through: &'static str,
+    #[serde(rename = "through")]
+    pub backend: &'static str,
     /// Time that it took.
     pub seconds: f64,
 }
 
-/// What became of a goal, and in words.
+/// Report of a goal, with a text.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GoalReport {
-    /// Its number in the request.
+    /// Number of the goal in the request.
     pub number: usize,
     /// The figures.
     #[serde(flatten)]
@@ -69,16 +72,16 @@ pub(super) fn solved(
     request: &SolveRequest,
     unknowns: &Unknowns,
     scenes: &Scenes,
-    found: Found,
-    through: Through,
+    found: SearchResult,
+    backend: Backend,
     begin: Instant,
     monitor: &Monitor,
 ) -> Result<Solved, SessionError> {
-    let mut new = Outcome::new(request, unknowns, &found);
+    let mut new = NewLightSet::new(request, unknowns, &found);
     new.describe(request)?;
     let mut report = Vec::new();
     let mut warnings = new.warnings;
-    let scenes = scenes.told();
+    let scenes = scenes.judging();
     for (number, scene) in scenes.iter().enumerate() {
         scene.relighter.warn_of(&new.lights, monitor);
         let after = scene.picture(&found.lit(), monitor)?;
@@ -87,9 +90,10 @@ pub(super) fn solved(
     }
     report.sort_by_key(|report| report.number);
     let is_solved = |light: &&Light| new.changed.contains(&light.name) || new.added.contains(&light.name);
-    let is_missed = |light: &&Light| scenes.iter().any(|scene| scene.relighter.misses(light));
-    let rarely_met = new.lights.iter().filter(is_solved).filter(is_missed);
-    let rarely_met = rarely_met.map(|light| light.name.clone()).collect();
+    let is_under_sampled =
+        |light: &&Light| scenes.iter().any(|scene| scene.relighter.is_under_sampled(light));
+    let under_sampled = new.lights.iter().filter(is_solved).filter(is_under_sampled);
+    let under_sampled = under_sampled.map(|light| light.name.clone()).collect();
     Ok(Solved {
         lights: LightSet { name: "Solved".into(), lights: new.lights, notes: Vec::new() },
         world: new.world,
@@ -99,18 +103,18 @@ pub(super) fn solved(
         blender: new.blender,
         report,
         warnings,
-        rarely_met,
+        under_sampled,
         loss: found.loss,
         start_loss: found.start_loss,
         start: found.start,
         losses: found.losses,
-        through: if through == Through::Proxy { "proxy" } else { "gather" },
+        backend: if backend == Backend::Proxy { "proxy" } else { "gather" },
         seconds: begin.elapsed().as_secs_f64(),
     })
 }
 
 /// The lights as they should be, and which of them are other than before.
-struct Outcome {
+struct NewLightSet {
     lights: Vec<Light>,
     world: [f32; 3],
     changed: Vec<String>,
@@ -120,8 +124,8 @@ struct Outcome {
     warnings: Vec<String>,
 }
 
-impl Outcome {
-    fn new(request: &SolveRequest, unknowns: &Unknowns, found: &Found) -> Self {
+impl NewLightSet {
+    fn new(request: &SolveRequest, unknowns: &Unknowns, found: &SearchResult) -> Self {
         let (mut lights, world) = unknowns.all_lights(&request.now, &found.lights);
         let mut taken: HashSet<String> = request.now.lights.iter().map(|light| light.name.clone()).collect();
         let (mut changed, mut added, mut gone) = (Vec::new(), Vec::new(), Vec::new());
@@ -129,10 +133,10 @@ impl Outcome {
         for (i, source) in unknowns.sources.iter().enumerate() {
             let is_idle = found.idle.contains(&i);
             match source {
-                Source::World => {}
-                Source::Scene(place) if is_idle => gone.push(*place),
-                Source::Scene(place) => changed.push(lights[*place].name.clone()),
-                Source::New => {
+                VariableSource::World => {}
+                VariableSource::Scene(place) if is_idle => gone.push(*place),
+                VariableSource::Scene(place) => changed.push(lights[*place].name.clone()),
+                VariableSource::New => {
                     if is_idle {
                         gone.push(next_new);
                     } else {
@@ -219,29 +223,29 @@ fn flat(light: &BlenderLight) -> Value {
 
 /// Numbers in the request of a view's goals.
 fn numbers(request: &SolveRequest, view: usize) -> Vec<usize> {
-    let goals = request.wish.goals.iter().enumerate();
+    let goals = request.options.goals.iter().enumerate();
     goals.filter(|(_, goal)| goal.view == view).map(|(number, _)| number).collect()
 }
 
-/// What became of the goals that were asked for in one view, with their numbers.
+/// Reports of the goals in one view, with their numbers.
 pub(super) fn reports<'a>(
     request: &SolveRequest,
     view: usize,
     scene: &'a SceneView,
-    after: &'a Looks,
+    after: &'a ViewPictures,
 ) -> impl Iterator<Item = (usize, Report)> + use<'a> {
     let goals = numbers(request, view).into_iter().zip(&scene.goals);
-    goals.map(|(number, goal)| (number, told(goal, &scene.before, after)))
+    goals.map(|(number, goal)| (number, goal_report(goal, &scene.before, after)))
 }
 
-/// What became of a goal, by the picture without noise or by the noisy one, whichever says less good of it.
-fn told(goal: &Goal, before: &Looks, after: &Looks) -> Report {
+/// Report of a goal, by the picture without noise or the noisy one, whichever is worse.
+fn goal_report(goal: &Goal, before: &ViewPictures, after: &ViewPictures) -> Report {
     let clean = report(goal, &before.clean, &after.clean);
     clean.or_worse(report(goal, &before.exact, &after.exact))
 }
 
 fn in_words(request: &SolveRequest, (number, report): (usize, Report)) -> GoalReport {
-    GoalReport { number, text: text(request.wish.goals[number].goal, number, &report), report }
+    GoalReport { number, text: text(request.options.goals[number].goal, number, &report), report }
 }
 
 fn text(kind: GoalKind, number: usize, report: &Report) -> String {
@@ -252,7 +256,7 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
         GoalKind::Target => {
             let worst = report.worst.filter(|_| !report.met);
             let words = [["too dark", "too bright"], ["too cool", "too warm"], ["too magenta", "too green"]];
-            let most = most("; most is missing", worst, words);
+            let most = largest_difference("; most is missing", worst, words);
             format!("target: {is:.1} dB (was {:.1}), {verdict}{most}", report.before)
         }
         GoalKind::Brighter => format!("brighter: {done:+.2} of {asked:.2} stops, {verdict}"),
@@ -263,7 +267,7 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
         GoalKind::Cooler => format!("cooler: {done:.0} of {asked:.0} mireds, {verdict}"),
         GoalKind::Keep => {
             let words = [["darker", "brighter"], ["cooler", "warmer"], ["more magenta", "greener"]];
-            let most = most("; most", report.worst, words);
+            let most = largest_difference("; most", report.worst, words);
             format!("keep: changed by {:.1} %, {verdict}{most}", 100.0 * is)
         }
     };
@@ -273,9 +277,9 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
 /// Two words for what is told of a value: that it is missing, or that there is too much of it.
 type Sides = [&'static str; 2];
 
-/// Where and how a picture differs most from what it should be, such as "; most at the top left: 0.30 stops darker, 40 mireds
-/// warmer"; nothing if nobody sees it. Words for light, warmth and green.
-fn most(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -> String {
+/// Largest difference of a picture from its goal, such as "; most at the top left: 0.30 stops darker, 40 mireds
+/// warmer". Empty if nobody would see it. The sides are words for light, warmth and green.
+fn largest_difference(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -> String {
     let Some(worst) = worst else { return String::new() };
     let side = |off: f32, [missing, too_much]: Sides| if off > 0.0 { missing } else { too_much };
     let stops = |off: f32, sides: Sides| {
@@ -283,16 +287,16 @@ fn most(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -
     };
     let mireds = (worst.mireds.abs() > TOLD_MIREDS)
         .then(|| format!("{:.0} mireds {}", worst.mireds.abs(), side(worst.mireds, warmth)));
-    let told = [stops(worst.off, light), mireds, stops(worst.green, green)];
-    let told: Vec<String> = told.into_iter().flatten().collect();
-    if told.is_empty() {
+    let differences = [stops(worst.off, light), mireds, stops(worst.green, green)];
+    let differences: Vec<String> = differences.into_iter().flatten().collect();
+    if differences.is_empty() {
         return String::new();
     }
-    format!("{begin} at the {}: {}", place(&worst), told.join(", "))
+    format!("{begin} at the {}: {}", tile_position(&worst), differences.join(", "))
 }
 
-/// Where a tile is, such as "top left".
-fn place(worst: &Worst) -> String {
+/// Place of a tile, such as "top left".
+fn tile_position(worst: &Worst) -> String {
     let third = |fraction: f32, names: [&'static str; 3]| names[((fraction * 3.0) as usize).min(2)];
     let x = third(worst.x, ["left", "middle", "right"]);
     format!("{} {x}", third(worst.y, ["top", "middle", "bottom"]))

@@ -36,7 +36,7 @@ pub struct Evaluation {
     pub proxies: Vec<MeanQuality>,
     /// Gathering from the bake that was to be compared.
     pub gather: Option<MeanQuality>,
-    /// That gather denoised. What the denoiser does wrong in both pictures alike does not count.
+    /// Errors of the denoised gather, without those that the denoiser makes in both pictures alike.
     pub gather_denoised: Option<MeanQuality>,
     /// The reference before it was denoised, which tells how noisy it is.
     pub reference_noise: MeanQuality,
@@ -53,7 +53,7 @@ pub(crate) fn measure(
     seed: u64,
     monitor: &Monitor,
 ) -> Result<Measured, SessionError> {
-    let compared = held_out.of_half(halves.0);
+    let compared = held_out.of_split(halves.0);
     let comparison =
         Comparison { proxies: std::slice::from_ref(proxy), reference: held_out, compared: Some(&compared) };
     let found = comparison.run((count, LIGHTS_MEASURED_AT_ONCE), seed, None, monitor)?;
@@ -67,11 +67,11 @@ pub(crate) fn measure(
     })
 }
 
-/// Mean errors of proxies of one kind and range against the denoised gather of an independent bake of the same camera, which
-/// should have many more samples, on lights that no training sees. The lights depend on the reference, the range and
-/// `seed` alone. With `compared`, gathering from that bake is measured on the same lights. With `pictures`, writes there
-/// for some lights a PNG of all: the reference, the gather and its denoised form if there is one, then the proxies. A GPU
-/// gathers and denoises; where it is lost, it does all again, once; where it fails and the CPU may go on, that does.
+/// Measures proxies of one kind and range on lights that no training sees. The reference is the denoised gather of an
+/// independent bake of the same camera, with many more samples. The lights depend on the reference, the range and
+/// `seed` alone. With `compared`, the gather of that bake is measured as well. With `pictures`, PNGs of some lights are
+/// written there: reference, gather, denoised gather, proxies. A lost GPU is opened again, once; if it fails again, the
+/// CPU takes over where it may.
 ///
 /// # Errors
 /// If a bake cannot be read, its size is not the proxies', or the proxies differ in kind or range.
@@ -166,9 +166,9 @@ fn check_size(proxy: &Proxy, bake: &Relighter) -> Result<(), SessionError> {
     Err(SessionError::Settings(reason))
 }
 
-/// What is held against what.
+/// Pictures that are compared.
 struct Comparison<'a> {
-    /// Of one kind and range.
+    /// Proxies of one kind and range.
     proxies: &'a [Proxy],
     reference: &'a DumpTargets<'a>,
     compared: Option<&'a DumpTargets<'a>>,
@@ -203,8 +203,8 @@ impl Comparison<'_> {
         Ok(Evaluation { lights: sums.lights, proxies, gather, gather_denoised, reference_noise })
     }
 
-    /// Adds the errors for some lights, of which the first has this number, to `sums`: those of the proxies, of the noisy
-    /// reference, of gathering and of gathering and denoising.
+    /// Adds the errors for some lights, the first of which has this number, to `sums`. Those are of proxies, noisy
+    /// reference, gather, and denoised gather.
     fn lights(
         &self,
         lights: &[LightParams],

@@ -6,7 +6,7 @@ use relume_proxy::{LightKind, SizeRange};
 use relume_scene::{Light, LightShape};
 use std::path::Path;
 
-/// Sizes of lights that are worth learning for a bake, by those that its scene came with, as of [`sizes_with`].
+/// Sizes of lights that are worth learning for a bake, by the lights of its scene ([`sizes_with`]).
 ///
 /// # Errors
 /// If the bake or its lights cannot be read.
@@ -14,8 +14,8 @@ pub fn default_sizes(bake: &Path, kind: LightKind) -> Result<SizeRange, SessionE
     sizes_with(bake, kind, &LightSet::of_bake(bake)?.lights)
 }
 
-/// Radii of 1/200 to 1/10 of the visible scene, or edges of 1/50 to 1/5 of it, widened to take in some lights of this kind with
-/// half as much again on both sides.
+/// Radii of 1/200 to 1/10 of the visible scene, or edges of 1/50 to 1/5 of it. They are widened to include some lights
+/// of this kind, with half as much again on both sides.
 ///
 /// # Errors
 /// If the bake cannot be read.

@@ -13,7 +13,7 @@ use crate::relight::denoise::Denoise;
 /// Targets of a training, gathered from a dump (paper, section 4.4).
 pub struct DumpTargets<'a> {
     gather: &'a Gather,
-    half: SampleSplit,
+    split: SampleSplit,
     bounds: (Vec3, Vec3),
     denoise: &'a Denoise,
     gpu: Option<&'a GpuTargets>,
@@ -38,12 +38,12 @@ impl GpuTargets {
         Ok(Self { gpu: Arc::clone(gpu), gather, gathers_pixels, lacked_room: false.into() })
     }
 
-    /// Whether single pixels are gathered there: all of the dump stays there, or there was room to copy those that are asked for.
+    /// True if single pixels are gathered there: the whole dump stays, or there was room to copy parts.
     pub fn gathers_pixels(&self) -> bool {
         self.gathers_pixels
     }
 
-    /// Whether the CPU has gathered single pixels because others had taken the room for them meanwhile.
+    /// True if the CPU had to gather single pixels for lack of room.
     pub fn lacked_room(&self) -> bool {
         self.lacked_room.load(Ordering::Relaxed)
     }
@@ -59,30 +59,30 @@ impl GpuTargets {
         pixels: &[u32],
         lights: &[PreparedLight],
         lights_per_pixel: usize,
-        half: SampleSplit,
+        split: SampleSplit,
         out: &Buffer<f32>,
     ) -> Result<(), GatherError> {
         let lights = self.gather.lights(lights)?;
-        self.gather.pixel_targets(pixels, &lights, lights_per_pixel as u32, half, out)
+        self.gather.pixel_targets(pixels, &lights, lights_per_pixel as u32, split, out)
     }
 }
 
 impl<'a> DumpTargets<'a> {
     /// Targets from some of the paths of each pixel. `bounds` is the box of visible positions.
-    pub fn new(gather: &'a Gather, half: SampleSplit, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
-        Self { gather, half, bounds, denoise, gpu: None }
+    pub fn new(gather: &'a Gather, split: SampleSplit, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
+        Self { gather, split, bounds, denoise, gpu: None }
     }
 
-    /// Lets a GPU gather, if there is one.
+    /// Sets a GPU that gathers, if there is one.
     #[must_use]
     pub fn on(self, gpu: Option<&'a GpuTargets>) -> Self {
         Self { gpu, ..self }
     }
 
-    /// The same from other paths of each pixel.
+    /// Targets from other paths of each pixel.
     #[must_use]
-    pub fn of_half(&self, half: SampleSplit) -> Self {
-        Self { half, ..*self }
+    pub fn of_split(&self, split: SampleSplit) -> Self {
+        Self { split, ..*self }
     }
 
     /// The denoiser.
@@ -95,7 +95,7 @@ impl<'a> DumpTargets<'a> {
         self.gpu.filter(|gpu| gpu.gathers_pixels)
     }
 
-    /// What the GPU would have made of these queries, whose lights were prepared.
+    /// Targets that the GPU would have gathered for these queries, with lights prepared.
     fn gathered_here(&self, queries: &GroupQueries<'_>, lights: &[PreparedLight]) -> Vec<[f32; 3]> {
         let (count, group) = (queries.lights_per_pixel, queries.group);
         let mut values = vec![[0.0; 3]; queries.pixels.len() * count];
@@ -105,7 +105,7 @@ impl<'a> DumpTargets<'a> {
             |scratch, ((values, pixels), lights)| {
                 for (pixel, values) in pixels.iter().zip(values.chunks_exact_mut(count)) {
                     let (x, y) = self.place(*pixel);
-                    self.gather.pixel_into(x, y, lights, self.half, scratch, values);
+                    self.gather.pixel_into(x, y, lights, self.split, scratch, values);
                 }
             },
         );
@@ -145,7 +145,7 @@ impl TargetSource for DumpTargets<'_> {
                     lights.push(self.prepare(shape)?);
                 }
                 let (x, y) = self.place(*pixel);
-                self.gather.pixel_into(x, y, lights, self.half, scratch, values);
+                self.gather.pixel_into(x, y, lights, self.split, scratch, values);
                 Ok(())
             },
         )
@@ -155,8 +155,8 @@ impl TargetSource for DumpTargets<'_> {
         let lights: Vec<PreparedLight> =
             lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
         let mut images = match self.gpu {
-            Some(gpu) => gpu.gather.unit_images(&lights, self.half).map_err(ProxyError::targets)?,
-            None => self.gather.unit_images(&lights, self.half),
+            Some(gpu) => gpu.gather.unit_images(&lights, self.split).map_err(ProxyError::targets)?,
+            None => self.gather.unit_images(&lights, self.split),
         };
         if denoised {
             self.denoise.images(&mut images, DenoiseQuality::Fast).map_err(ProxyError::targets)?;
@@ -175,7 +175,7 @@ impl DeviceTargets for DumpTargets<'_> {
         let lights: Vec<PreparedLight> =
             queries.lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
         let count = queries.lights_per_pixel;
-        match gpu.pixel_targets(queries.pixels, &lights, count, self.half, out) {
+        match gpu.pixel_targets(queries.pixels, &lights, count, self.split, out) {
             Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) => {
                 gpu.lacked_room.store(true, Ordering::Relaxed);
                 gpu.gpu.write(out, 0, self.gathered_here(queries, &lights).as_flattened());

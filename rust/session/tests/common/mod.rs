@@ -24,7 +24,7 @@ pub fn baked(folder: &Path) {
     baked_with(folder, |_| ());
 }
 
-/// That room before a camera of few pixels, as its file has it.
+/// Room before a camera of few pixels, as its file has it.
 pub fn room_scene() -> Scene {
     let view = ObjView {
         up: relume_session::scene::UpAxis::Z,
@@ -37,7 +37,7 @@ pub fn room_scene() -> Scene {
     obj_scene(&room(), &view).unwrap()
 }
 
-/// As [`baked`], of a changed scene.
+/// [`baked`] of a changed scene.
 pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
     let mut scene = room_scene();
     scene.lights = vec![sphere("Own", 0.2)];
@@ -70,14 +70,15 @@ pub fn trained(bake: &Path, out: &Path, kind: LightKind) -> TrainReport {
     train(bake, out, &training(kind), false, &Compute::default(), &Monitor::default()).unwrap()
 }
 
-/// What makes pictures without a denoiser.
+/// Options without a denoiser.
 pub const RAW: RelightOptions = RelightOptions { method: Method::Auto, denoise: false };
 
 /// Remembers warnings that matter.
 #[derive(Debug, Default)]
 pub struct Warnings(pub Mutex<Vec<String>>);
 
-/// Whether a warning says something of what is tested: builds for bare machines (`scripts/gpu-check`) have no denoiser, and say so.
+/// True if a warning is about the subject of a test. Builds for bare machines (`scripts/gpu-check`) warn of a missing
+/// denoiser.
 pub fn matters(warning: &str) -> bool {
     !warning.contains("has no denoiser")
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Does something once a training has got so far, in thousandths.
+/// Listener that acts once a training has got so far, in thousandths.
 struct At<F>(u64, F, Warnings);
 
 impl<F: Fn() + Send + Sync> Listener for At<F> {

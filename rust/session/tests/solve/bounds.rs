@@ -1,4 +1,4 @@
-//! How far strength, colour and direction may go.
+//! Bounds of strength, colour and direction.
 
 use crate::room::{baked, inside, key, light, picture, room, solve, target_request};
 use glam::Vec3;
@@ -17,13 +17,13 @@ fn brightened(light: &Light, stops: f32) -> Light {
     Light { radiance: light.radiance.map(|radiance| radiance * stops.exp2()), ..light.clone() }
 }
 
-/// By how many stops the ratio of two channels differs most.
+/// Largest change in the ratio of two channels, stops.
 fn stops_of_color(from: [f32; 3], to: [f32; 3]) -> f32 {
     let away = [0, 1, 2].map(|c| (to[c] / from[c]).log2());
     away.into_iter().fold(f32::MIN, f32::max) - away.into_iter().fold(f32::MAX, f32::min)
 }
 
-/// What the first light becomes.
+/// First light of the answer.
 fn found(relighter: &Relighter, target: &Image, lights: &[Light], free: Value, more: Value) -> Light {
     let mut request = json!({"lights": lights, "free": free, "starts": 1});
     request.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());

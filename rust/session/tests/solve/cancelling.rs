@@ -5,8 +5,8 @@ use crate::room::{baked, key, light, picture, target_request};
 use glam::Vec3;
 use relume_session::scene::LightShape;
 use relume_session::{
-    Cancel, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SoFar, SolveRequest, Stage,
-    solve_lights,
+    Cancel, InterimLights, Listener, Monitor, Pictures, Progress, Relighter, SessionError, SolveRequest,
+    Stage, solve_lights,
 };
 use serde_json::json;
 use std::collections::HashMap;
@@ -68,7 +68,7 @@ fn cancelling_works_at_any_step_and_previews_hold_all_lights() {
         let cancel = Cancel::default();
         let monitor = Monitor::new(Arc::new(StopAt(Mutex::new(step), cancel.clone())), cancel);
         let seen = Mutex::new(0);
-        let preview = |found: &SoFar| {
+        let preview = |found: &InterimLights| {
             assert!(found.lights.lights.len() == 2 && found.lights.lights[0].name == "Key");
             *seen.lock().unwrap() += 1;
         };

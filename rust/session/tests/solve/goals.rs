@@ -37,7 +37,7 @@ struct Reached {
     before: Image,
     after: Image,
     lights: Vec<Light>,
-    /// Of the goal.
+    /// Text about the goal.
     told: String,
 }
 
@@ -56,8 +56,8 @@ fn reached(goal: Value, images: &[(&str, &Image)]) -> Reached {
     Reached { before, after, lights: solved.lights.lights, told: solved.report[0].text.clone() }
 }
 
-/// Mireds by which one colour is warmer than another: their ratio of red to blue changes by c2 (1/lambda_B - 1/lambda_R) 1e-6 for
-/// each, by Wien's approximation at 460 and 610 nm.
+/// Mireds by which one colour is warmer than another, by Wien's approximation at 460 and 610 nm. Each changes their
+/// ratio of red to blue by c2 (1/lambda_B - 1/lambda_R) 1e-6.
 fn warmer_by(before: Vec3, after: Vec3) -> f32 {
     let per_mired = 1.4388e-2 * (1.0 / 460e-9 - 1.0 / 610e-9) * 1e-6;
     ((after.x / after.z) / (before.x / before.z)).ln() / per_mired

@@ -15,7 +15,7 @@ const PLACE: [&str; 4] = ["position", "direction", "color", "strength"];
 const AT: Vec3 = Vec3::new(0.3, -0.1, 1.5);
 const EDGE_U: Vec3 = Vec3::new(-0.5, 0.0, 0.2);
 const EDGE_V: Vec3 = Vec3::new(0.0, 0.3, 0.0);
-/// Where one is looked for first.
+/// Place that the search starts from.
 const FROM: Vec3 = Vec3::new(-0.2, 0.2, 1.2);
 
 fn power(light: &Light) -> [f32; 3] {
@@ -26,8 +26,8 @@ fn lit(shape: LightShape, power: [f32; 3]) -> Light {
     light("Key", shape, power.map(|power| power / shape.extent()))
 }
 
-/// What is found of a hidden light, some of whose values are free, from another one. Its picture must be as near to the target
-/// as that of the hidden light itself, but for a decibel.
+/// Solves for a hidden light, some of whose values are free, from another one. The picture must match the target as
+/// well as that of the hidden light, but for a decibel.
 fn found(hidden: LightShape, start: LightShape, free: &[&str]) -> Light {
     found_in(&Bakes::open(), hidden, start, free, 2)
 }

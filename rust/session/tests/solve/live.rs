@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 /// More paths than are traced in minutes.
 const ENDLESS: u32 = 1 << 20;
-/// Those that solving begins with.
+/// Samples that solving begins with.
 const FIRST: u32 = 16;
 
 /// A bake of the room that goes on, once there are the first paths of each pixel.

@@ -1,5 +1,7 @@
 //! Solving lights on a small bake, through the smoothed gather and as a user asks for it.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod bounds;
 mod cancelling;
 #[path = "../common/mod.rs"]
@@ -25,7 +27,7 @@ fn a_hidden_light_is_found_through_the_dump_alone() {
     let target = picture(&relighter, &[key()]);
     let solved =
         solve(&[&relighter], &target_request(json!({"add": {"count": 1}})), &[("target", &target)]).unwrap();
-    assert!(miss(&solved) < 0.1 && solved.through == "gather", "{solved:?}");
+    assert!(miss(&solved) < 0.1 && solved.backend == "gather", "{solved:?}");
     // Of each step until the start had nothing to gain.
     assert!(!solved.losses.is_empty() && solved.losses.len() <= 64, "{:?}", solved.losses);
     assert!(solved.losses.last().unwrap() < &(0.5 * solved.losses[0]), "{:?}", solved.losses);
@@ -72,7 +74,7 @@ fn two_views_share_their_lights_and_unneeded_ones_are_dropped() {
     assert!(miss(&solved) < 0.05, "{:?}", solved.lights);
 }
 
-/// How far the first light is from where the key should be, metres.
+/// Distance of the first light from the place of the key, metres.
 fn miss(solved: &Solved) -> f32 {
     let [found, hidden] = [solved.lights.lights[0].shape, key().shape].map(|shape| shape.center().unwrap());
     found.distance(hidden)
@@ -124,7 +126,7 @@ fn surplus_lights_are_dropped_where_there_are_proxies_alone() {
     let target = relighter.relight(&[key()], &common::RAW, &Monitor::default()).unwrap().combined();
     let request = json!({"lights": [key()], "add": {"count": 2}, "starts": 1, "steps": 128});
     let solved = solve(&[&relighter], &target_request(request), &[("target", &target)]).unwrap();
-    assert_eq!(solved.through, "proxy");
+    assert_eq!(solved.backend, "proxy");
     assert!(solved.added.is_empty() && solved.lights.lights.len() == 1, "{:?}", solved.lights);
 }
 
@@ -199,10 +201,10 @@ fn a_light_that_paths_hardly_meet_is_named_and_solved_on_with_paths_that_look_fo
         solve(&[relighter], &request(answer), &[("target", &target)]).unwrap()
     };
     let first = solved(&now, json!({"lights": [small(0.46)]}));
-    assert_eq!(first.rarely_met, ["Key"]);
+    assert_eq!(first.under_sampled, ["Key"]);
     let again = towards("again", &[small(-0.6), first.lights.lights[0].clone()], 2);
     let second = solved(&again, json!(first));
-    assert!(second.rarely_met.is_empty());
+    assert!(second.under_sampled.is_empty());
     // What was said of it was noise, and is its picture now.
     let decibels = |solved: &Solved| solved.report[0].report.reached;
     assert!(decibels(&first) < 25.0 && decibels(&second) > 35.0, "{:?} {:?}", first.report, second.report);

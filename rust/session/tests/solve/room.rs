@@ -42,8 +42,8 @@ pub fn room(side: f32, world: [f32; 3]) -> Scene {
     obj_scene(Path::new(ROOM), &view).unwrap()
 }
 
-/// Two bakes of the room from the same place: one that is solved with, and one of other and more paths for what it is to look
-/// like, so that their noise is not the same.
+/// Two bakes of the room from the same place: one to solve with, one of more and other paths for the targets. Their
+/// noise differs.
 pub struct Bakes {
     pub own: Relighter,
     pub other: Relighter,
@@ -56,7 +56,7 @@ impl Bakes {
         Self::of("room", &room(0.0, [0.0; 3]), &samples)
     }
 
-    /// Of twice as many pixels along each edge.
+    /// Room with twice as many pixels along each edge.
     pub fn large() -> Self {
         let mut scene = room(0.0, [0.0; 3]);
         (scene.camera.width, scene.camera.height) = (2 * scene.camera.width, 2 * scene.camera.height);

@@ -1,4 +1,4 @@
-//! What is said of goals and lights that do not go together.
+//! Messages about goals and lights that contradict each other.
 
 use crate::common;
 use crate::room::{baked, key, light, picture, solve, target_request};

@@ -1,7 +1,7 @@
 //! Values of nodes that depend on nothing but their inputs, and how inputs are read.
 
 use glam::{Vec3, Vec4};
-use relume_scene::{Input, MixData, Node, NodeId, Output};
+use relume_scene::{Input, MapRangeKind, MixData, Node, NodeId, Output};
 
 use super::{color, math};
 
@@ -108,14 +108,8 @@ pub fn evaluate_pure(node: &Node, inputs: &impl Inputs) -> Option<Vec4> {
             to_max,
             steps,
         } => {
-            let from = [float(from_min), float(from_max)];
-            let to = [float(to_min), float(to_max)];
-            let value = float(value);
-            let mapped = if from[0] == from[1] {
-                if *empty_gives_min { to[0] } else { 0.0 }
-            } else {
-                math::map_range(*interpolation, value, from, to, float(steps))
-            };
+            let (from, to) = ([float(from_min), float(from_max)], [float(to_min), float(to_max)]);
+            let mapped = map_range(*interpolation, float(value), from, to, float(steps), *empty_gives_min);
             Vec4::splat(if *clamp { mapped.clamp(to[0].min(to[1]), to[0].max(to[1])) } else { mapped })
         }
         Node::Clamp { range, value, min, max } => {
@@ -148,4 +142,20 @@ pub fn evaluate_pure(node: &Node, inputs: &impl Inputs) -> Option<Vec4> {
         _ => return None,
     };
     Some(value)
+}
+
+/// A Map Range node before its clamp. A range of no width gives 0, as before Blender 5.0, or the start of the other range.
+fn map_range(
+    kind: MapRangeKind,
+    value: f32,
+    from: [f32; 2],
+    to: [f32; 2],
+    steps: f32,
+    empty_gives_min: bool,
+) -> f32 {
+    match from[0] == from[1] {
+        false => math::map_range(kind, value, from, to, steps),
+        true if empty_gives_min => to[0],
+        true => 0.0,
+    }
 }

@@ -1,5 +1,7 @@
 //! Whole paths in small scenes with known answers.
 
+#![expect(clippy::unwrap_used, reason = "a panic fails the test")]
+
 mod determinism;
 mod emission;
 mod failures;

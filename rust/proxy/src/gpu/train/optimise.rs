@@ -29,9 +29,8 @@ pub(super) struct Optimise {
     pub params: Buffer<f32>,
     /// Sums of the gradient by the grid, two words each.
     pub grid: Buffer<u32>,
-    #[allow(dead_code, reason = "bound to kernels, and counted against the memory budget while it lives")]
     pub gradient: Buffer<f32>,
-    #[allow(dead_code, reason = "as the gradient")]
+    #[expect(dead_code, reason = "bound to kernels, and counted against the memory budget while it lives")]
     blocks: Buffer<u32>,
     mean: Buffer<f32>,
     first: Buffer<f32>,
@@ -58,7 +57,7 @@ struct Hidden {
 /// Muon for matrices that are too large to move with all else.
 #[derive(Debug)]
 struct MuonKernels {
-    #[allow(dead_code, reason = "bound to kernels, and counted against the memory budget while it lives")]
+    #[expect(dead_code, reason = "bound to kernels, and counted against the memory budget while it lives")]
     squares: Buffer<f32>,
     start: Bound,
     multiply: Bound,

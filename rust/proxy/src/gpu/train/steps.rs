@@ -118,7 +118,10 @@ impl Trainer {
 
     /// Seconds of a training step on a device, targets not included: the best of some rounds of a few steps on the same
     /// samples. Nothing with `matrices` where the device has none.
-    pub(crate) fn seconds_on_gpu(
+    ///
+    /// # Errors
+    /// The failure of the source or the device.
+    pub fn seconds_on_gpu(
         mut self,
         gpu: &Arc<Gpu>,
         source: &dyn TargetSource,

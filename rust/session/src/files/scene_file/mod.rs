@@ -12,8 +12,8 @@
 //! | `texture.N` | U8 or F32 | height, width, 4 | RGBA, bottom row first |
 //! | `view` | U8 | bytes | [`crate::files::names::VIEW_FILE`], if there is one |
 //!
-//! Under the metadata key `relume_scene` stands which format it is and of what scene ([`About`]). The description is a tensor of
-//! its own because headers end at 100 MB, and a forest has more instances than that.
+//! The metadata key `relume_scene` holds the format and scene ([`SceneHeader`]). The description is a tensor of its own
+//! because headers end at 100 MB, which a forest of instances exceeds.
 
 mod read;
 mod write;
@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
 
-/// Metadata key of [`About`].
+/// Metadata key of [`SceneHeader`].
 const KEY: &str = "relume_scene";
 /// Version of the format. Raise it when a reader of the old one would misread a new file.
 const FORMAT_VERSION: u32 = 1;
@@ -39,15 +39,15 @@ const VIEW: &str = "view";
 pub struct SceneFile {
     /// The scene.
     pub scene: Scene,
-    /// Its render settings.
+    /// Render settings.
     pub settings: TraceSettings,
-    /// Its view transform: the bytes of [`VIEW_FILE`]; none for the sRGB curve.
+    /// View transform: the bytes of [`VIEW_FILE`]; none for the sRGB curve.
     pub view: Option<Vec<u8>>,
 }
 
-/// Which format a file is of, and of what scene.
+/// Header of a scene file.
 #[derive(Debug, Serialize, Deserialize)]
-struct About {
+struct SceneHeader {
     format_version: u32,
     /// [`Scene::hash`].
     scene_hash: String,
@@ -55,7 +55,7 @@ struct About {
     world_map: String,
 }
 
-/// All that is no array. Materials are [`relume_scene::Material`], or its JSON where nobody has checked it yet.
+/// Everything but arrays. Materials are [`relume_scene::Material`], or JSON until they are checked.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Description<M> {
@@ -93,10 +93,10 @@ struct TextureParts {
     alpha: Alpha,
 }
 
-/// Writes a scene with its render settings and, if it is not the sRGB curve, its view ([`VIEW_FILE`]'s bytes), atomically.
+/// Writes a scene with its render settings and view ([`VIEW_FILE`]'s bytes, unless that is the sRGB curve), atomically.
 ///
 /// # Errors
-/// If the scene cannot be traced or the file cannot be written; an older file at `path` is then still there.
+/// If the scene cannot be traced or the file cannot be written; an older file at `path` stays.
 pub fn write_scene(
     path: &Path,
     scene: &Scene,
@@ -117,10 +117,10 @@ impl SceneFile {
         Self::from_bytes(path, &bytes)
     }
 
-    /// As [`SceneFile::read`]; `name` stands in messages.
+    /// Reads the bytes of a scene file; `name` stands in messages.
     ///
     /// # Errors
-    /// Likewise.
+    /// Fails like [`SceneFile::read`].
     pub fn from_bytes(name: &Path, bytes: &[u8]) -> Result<Self, SessionError> {
         read::decode(bytes).map_err(|reason| error(name, reason))
     }

@@ -1,4 +1,6 @@
-use super::{About, DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneFile, TextureParts, VIEW};
+use super::{
+    DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneFile, SceneHeader, TextureParts, VIEW,
+};
 use crate::bake::check_scene;
 use crate::files::light_set;
 use bytemuck::{Pod, pod_collect_to_vec};
@@ -29,7 +31,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<SceneFile, String> {
     Ok(SceneFile { scene, settings, view })
 }
 
-fn parse_about(json: &str) -> Result<About, String> {
+fn parse_about(json: &str) -> Result<SceneHeader, String> {
     #[derive(Deserialize)]
     struct Version {
         format_version: u32,
@@ -130,7 +132,7 @@ impl Arrays<'_> {
         Ok(Some(png))
     }
 
-    /// All values of a tensor of this type whose rows have this shape, regrouped as `T`.
+    /// Values of a tensor of this type whose rows have this shape, regrouped as `T`.
     fn rows<T: Pod>(&self, name: &str, dtype: Dtype, row: &[usize]) -> Result<Vec<T>, String> {
         let view = self.0.tensor(name).map_err(|_| format!("tensor {name} is missing"))?;
         if view.dtype() != dtype || view.shape().get(1..) != Some(row) {

@@ -1,4 +1,4 @@
-use super::{About, DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, TextureParts, VIEW};
+use super::{DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneHeader, TextureParts, VIEW};
 use crate::bake::check_scene;
 use bytemuck::{NoUninit, cast_slice};
 use relume_scene::{Material, Mesh, Scene, Texels, Texture};
@@ -33,7 +33,7 @@ pub(super) fn encode(
         tensors.add(VIEW.into(), Dtype::U8, &[], view)?;
     }
     let (scene_hash, world_map) = (scene.hash(), scene.world_map());
-    let about = About { format_version: FORMAT_VERSION, scene_hash, world_map };
+    let about = SceneHeader { format_version: FORMAT_VERSION, scene_hash, world_map };
     let about = serde_json::to_string(&about).map_err(|error| error.to_string())?;
     serialize(tensors.0, Some(HashMap::from([(KEY.to_owned(), about)]))).map_err(|error| error.to_string())
 }
@@ -87,7 +87,7 @@ impl<'a> Tensors<'a> {
         Ok(())
     }
 
-    /// As many rows of this shape as there are values for.
+    /// Adds a tensor with as many rows of this shape as there are values for.
     fn add<T: NoUninit>(
         &mut self,
         name: String,

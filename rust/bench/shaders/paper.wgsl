@@ -1,4 +1,4 @@
-// A gather of segments that lie as the paper stores them (section 4.2), for comparing layouts alone (`gpu/bench/paper.rs`): paths of
+// A gather of segments that lie as the paper stores them (section 4.2), for comparing layouts alone (`rust/bench/src/gather/paper.rs`): paths of
 // seven vertices, each of twelve bytes: three 16-bit floats, two bytes that are not used here, and the throughput of the
 // segment that starts there. Lengths and escapes of paths are left out, so that every path has six segments.
 // use: gather/light

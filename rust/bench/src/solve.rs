@@ -1,26 +1,25 @@
+//! One light solved through a proxy.
+
 use relume_image::Image;
 use relume_optimise::{Bounds, Criterion, Goal, Locks, Problem, Settings, Variable, View, solve};
 use relume_proxy::{GpuProxy, LightKind, LightParams};
 use relume_scene::Light;
+use relume_session::{Proxies, ProxyRelight};
 use std::ops::ControlFlow;
 use std::time::Instant;
-
-use super::proxy_relight::ProxyRelight;
-use crate::error::SessionError;
-use crate::files::proxies::Proxies;
 
 /// Runs, of which the best counts: the first compiles kernels.
 const RUNS: usize = 3;
 /// Steps, and the share of the pixels that each looks at (paper, section 6.2).
-pub(crate) const STEPS: usize = 500;
-pub(crate) const PIXELS: f32 = 0.01;
+pub const STEPS: usize = 500;
+pub const PIXELS: f32 = 0.01;
 
 /// Seconds in which one sphere light is solved in so many steps through a proxy of 3 x 3 x 3 m from one start.
-pub(crate) fn seconds_of_a_light(
+pub fn seconds_of_a_light(
     proxy: &GpuProxy,
     (width, height): (usize, usize),
     steps: usize,
-) -> Result<f64, SessionError> {
+) -> anyhow::Result<f64> {
     let proxies = Proxies::default();
     let kinds = vec![(LightKind::Sphere, Some(proxy))];
     let relight = ProxyRelight { proxies: &proxies, kinds, size: (width, height) };

@@ -1,12 +1,16 @@
-//! Segments as the paper stores them, for comparing layouts: `shaders/gather/paper.wgsl` tells how they lie. The paths are made
+//! Segments as the paper stores them, for comparing layouts: `rust/bench/shaders/paper.wgsl` tells how they lie. The paths are made
 //! up: what a gather costs hardly depends on them.
 
 use bytemuck::NoUninit;
-use relume_gpu::{Buffer, Gpu, GpuError};
+use relume_gather::GpuLights;
+use relume_gpu::{Buffer, Gpu, GpuError, Kernel};
 
-use super::super::BUFFER_BYTES;
-use super::super::kernels::{GROUP_SIZE, lanes};
-use super::super::light::GpuLights;
+use crate::shaders;
+
+/// Threads of a workgroup (`shaders/gather/records.wgsl`).
+const GROUP_SIZE: u32 = 64;
+/// Largest buffer of a chunk, as of the dumps here.
+const BUFFER_BYTES: u64 = 1 << 30;
 
 /// Vertices of a path, and 32-bit words of each.
 const VERTICES: usize = 7;
@@ -66,12 +70,26 @@ impl PaperDump {
         self.chunks.iter().map(|chunk| chunk.pixels * self.paths_per_pixel * SEGMENTS).sum()
     }
 
-    /// Gathers all lights in one pass. Images of the chunks, each light by light; does not wait for them.
-    pub fn gather(&self, gpu: &Gpu, lights: &GpuLights) -> Result<Vec<Buffer<f32>>, GpuError> {
-        let count = lights.lights.len();
-        let lanes = lanes(self.paths_per_pixel * VERTICES);
-        let constants = [("LIGHTS", count as u32), ("LANES", lanes)];
-        let kernel = gpu.kernel("gather/paper", "add_paths", &constants)?;
+    /// Threads of a pixel, as in the gather: each should have two loads of four.
+    fn lanes(&self) -> u32 {
+        ((self.paths_per_pixel * VERTICES) as u32 / 8).next_power_of_two().clamp(8, GROUP_SIZE)
+    }
+
+    /// The kernel for so many lights.
+    pub fn kernel(&self, gpu: &Gpu, lights: usize) -> Result<Kernel, GpuError> {
+        let constants = [("LIGHTS", lights as u32), ("LANES", self.lanes())];
+        shaders::kernel(gpu, "paper", "add_paths", &constants)
+    }
+
+    /// Gathers all lights in one pass, with the kernel for as many. Images of the chunks, each light by light; does not wait for
+    /// them.
+    pub fn gather(
+        &self,
+        gpu: &Gpu,
+        kernel: &Kernel,
+        lights: &GpuLights,
+    ) -> Result<Vec<Buffer<f32>>, GpuError> {
+        let (count, lanes) = (lights.lights.len(), self.lanes());
         let add = |chunk: &Chunk| {
             let images = gpu.zeros("images", 3 * count * chunk.pixels)?;
             let (of_lights, receivers) = (lights.lights.whole(), lights.receivers.whole());
@@ -113,18 +131,27 @@ fn word(index: usize) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::gpu;
+    use super::super::on_gpu::tests::gpu;
+    use super::super::room::{light, room};
     use super::*;
-    use crate::bench::light;
-    use crate::{Gather, bench::room};
+    use crate::shaders::tests::arguments;
     use glam::DVec3;
+    use relume_gather::{Gather, GpuGather};
     use relume_scene::LightShape;
+    use std::mem::offset_of;
+    use std::sync::Arc;
 
     #[test]
     fn arguments_have_the_layout_of_their_wgsl_twin() {
-        relume_gpu::assert_mirror!(PaperArguments as "gather/paper", "Arguments", { pixels, vertices, lights });
-        assert_eq!(relume_gpu::layout::constant("gather/paper", "VERTICES").unwrap() as usize, VERTICES);
-        assert_eq!(relume_gpu::layout::constant("gather/paper", "WORDS").unwrap() as usize, WORDS);
+        let fields = [
+            ("pixels".into(), offset_of!(PaperArguments, pixels) as u32),
+            ("vertices".into(), offset_of!(PaperArguments, vertices) as u32),
+            ("lights".into(), offset_of!(PaperArguments, lights) as u32),
+        ];
+        assert_eq!(arguments("paper"), (size_of::<PaperArguments>() as u32, fields.into()));
+        assert_eq!(shaders::tests::constant("paper", "VERTICES") as usize, VERTICES);
+        assert_eq!(shaders::tests::constant("paper", "WORDS") as usize, WORDS);
+        assert_eq!(shaders::tests::constant("paper", "GROUP_SIZE"), GROUP_SIZE);
     }
 
     /// Spheres between the made-up vertices.
@@ -161,10 +188,12 @@ mod tests {
         let gather = Gather::new(room(1).unwrap());
         let shape = |(center, radius)| LightShape::Sphere { center, radius };
         let prepared = SPHERES.map(|sphere| gather.prepare(&light(shape(sphere))).unwrap());
+        let lights = GpuGather::new(Arc::clone(&gpu), &gather).unwrap().lights(&prepared).unwrap();
         for (segments, pixels) in [(6 * 200, 50), (6 * 90, 90)] {
             let dump = PaperDump::new(&gpu, segments, pixels).unwrap();
             assert_eq!((dump.segments(), dump.chunks.len()), (segments, 1));
-            let images = &dump.gather(&gpu, &GpuLights::new(&gpu, &prepared, 4.0).unwrap()).unwrap()[0];
+            let kernel = dump.kernel(&gpu, SPHERES.len()).unwrap();
+            let images = &dump.gather(&gpu, &kernel, &lights).unwrap()[0];
             let found = gpu.read(images, 0..images.len()).unwrap();
             let per_pixel = segments / SEGMENTS * VERTICES / pixels;
             for (light, sphere) in SPHERES.into_iter().enumerate() {

@@ -1,10 +1,10 @@
-//! Goals as a GPU takes them, which compares pictures where it makes them.
+//! Goals in the form that a GPU compares pictures with.
 
 use relume_gpu::compare::{Residual, StepTargets, Term};
 use relume_optimise::{Criterion, TermTarget};
 
-/// What is wanted of some cells.
-pub(super) fn look(targets: &[TermTarget]) -> StepTargets {
+/// Targets of a step.
+pub(super) fn step_targets(targets: &[TermTarget]) -> StepTargets {
     let mut step = StepTargets::default();
     for target in targets {
         step.terms.push(term(target, step.cells.len()));

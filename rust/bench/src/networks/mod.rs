@@ -1,20 +1,23 @@
 //! Speed of the kernels against the fused-multiply-add peak of one core, measured in the same process. Time is that of
 //! the thread, which other processes disturb less than the clock on the wall.
 
+mod multiply_adds;
+
 use std::hint::black_box;
 use std::sync::Arc;
 
 use cpu_time::ThreadTime;
+use relume_gpu::Gpu;
 use relume_gpu::compare::{Layers, StepTargets};
-use relume_gpu::{Figure, Gpu, Limit, Peaks, best_of_rounds};
-
-use crate::params::{Role, Tensor};
-use crate::simd::{Isa, peak};
-use crate::synthetic::SyntheticRoom;
-use crate::{
-    GpuProxy, GridConfig, LightKind, LightParams, NetworkConfig, ProxyError, SizeRange, TargetMode,
+use relume_proxy::synthetic::SyntheticRoom;
+use relume_proxy::{
+    GpuProxy, GridConfig, Isa, LightKind, LightParams, NetworkConfig, ProxyError, SizeRange, TargetMode,
     TrainConfig, Trainer, compare,
 };
+
+use crate::figure::{Figure, Limit};
+use crate::peak::{self, Peaks};
+use crate::timing::{best_of_rounds, seconds_on};
 
 /// Extent of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +88,7 @@ const STEP_SHARE: usize = 20;
 /// # Errors
 /// If the device fails or has not the memory.
 pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Figure>, ProxyError> {
-    let limits = Limits { peaks: gpu.peaks()?, read_back: gpu.transfers()?[1] };
+    let limits = Limits { peaks: peak::measure_peaks(gpu)?, read_back: peak::transfers(gpu)?[1] };
     let mut figures = Vec::new();
     for (name, network, _) in networks(extent) {
         figures.extend(measure_device(gpu, &limits, name, network.clone(), extent)?);
@@ -105,11 +108,13 @@ struct Limits {
 const PAPER_SIZE: [usize; 2] = [885, 500];
 
 /// Names that [`device`] gives the inference of a network at the paper's size: by matrices, and by the plain kernel.
+#[cfg(test)]
 pub fn inference_names(network: &str) -> [String; 2] {
     [true, false].map(|by_matrices| name_of(inference(by_matrices), network, PAPER_SIZE))
 }
 
 /// Names that [`device`] gives the training of a network on a card, at the paper's size: by matrices, and in 32 bits.
+#[cfg(test)]
 pub fn training_names(network: &str) -> [String; 2] {
     [true, false]
         .map(|by_matrices| name_of(&training(by_matrices, Extent::CARD.samples), network, PAPER_SIZE))
@@ -135,7 +140,8 @@ fn measure_device(
     network: NetworkConfig,
     Extent { rounds, size: [width, height], .. }: Extent,
 ) -> Result<Vec<Figure>, ProxyError> {
-    let trainer = lit(device_trainer(network, [width, height])?);
+    let mut trainer = device_trainer(network, [width, height])?;
+    trainer.set_output_bias(2.0);
     let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
     let light = test_light();
     let count = width * height;
@@ -149,7 +155,7 @@ fn measure_device(
     let mut figures = Vec::new();
     for by_matrices in [false, true] {
         let task = inference(by_matrices);
-        if let Some(seconds) = on_device.seconds(&light, by_matrices)? {
+        if let Some(seconds) = seconds_of_an_image(&on_device, &light, by_matrices)? {
             let peak = peaks.matrices.filter(|_| by_matrices).unwrap_or(peaks.multiply_adds);
             figures.push(named(task, 1e3 * seconds, "ms").within(&limits(peak, 1.0, 1.0)));
         }
@@ -178,6 +184,20 @@ fn test_light() -> LightParams {
     LightParams::round(LightKind::Sphere, glam::Vec3::new(0.3, -0.5, 1.0), 0.2)
 }
 
+/// Seconds of the kernel that makes a unit image, by matrices or not; nothing where there is no such kernel.
+fn seconds_of_an_image(
+    on_device: &GpuProxy,
+    light: &LightParams,
+    by_matrices: bool,
+) -> Result<Option<f64>, ProxyError> {
+    let mut is_there = true;
+    let seconds = seconds_on(on_device.gpu(), |commands| {
+        is_there = on_device.add_unit_image(commands, light, by_matrices)?;
+        Ok::<(), ProxyError>(())
+    })?;
+    Ok(is_there.then_some(seconds))
+}
+
 /// Seconds of a step of the light optimiser.
 fn seconds_of_a_step(on_device: &GpuProxy, rounds: usize) -> Result<f64, ProxyError> {
     let count = on_device.proxy().features().pixel_count();
@@ -201,7 +221,7 @@ pub fn seconds_of_the_widest(gpu: &Arc<Gpu>, extent: Extent) -> Result<(String, 
     let (name, network, _) = widest.ok_or_else(|| ProxyError::Config("no network to measure".into()))?;
     let trainer = device_trainer(network, extent.size)?;
     let on_device = GpuProxy::new(Arc::clone(gpu), &trainer.proxy()?)?;
-    let seconds = on_device.seconds(&test_light(), false)?.unwrap_or(f64::NAN);
+    let seconds = seconds_of_an_image(&on_device, &test_light(), false)?.unwrap_or(f64::NAN);
     Ok((name_of(inference(false), name, extent.size), seconds))
 }
 
@@ -218,21 +238,6 @@ fn device_trainer(network: NetworkConfig, [width, height]: [usize; 2]) -> Result
         ..TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 })
     };
     Trainer::new(Arc::new(SyntheticRoom::new(width, height).features()), LightKind::Sphere, config, 1)
-}
-
-/// Trainer with outputs that are lifted above zero, where those of a network that has learned nothing are cut off:
-/// errors are shares of the largest value, which must not be what is left of larger ones.
-pub(crate) fn lit(mut trainer: Trainer) -> Trainer {
-    let is_of_outputs = |tensor: &&Tensor| tensor.role == Role::Bias && tensor.cols == 3;
-    let ranges: Vec<_> = trainer
-        .layout()
-        .tensors
-        .iter()
-        .filter(is_of_outputs)
-        .map(|tensor| tensor.start..tensor.start + 3)
-        .collect();
-    ranges.into_iter().for_each(|range| trainer.state.params[range].fill(2.0));
-    trainer
 }
 
 /// Iterations of training in 32 bits, and by matrices of 16-bit floats where the device has them. The limit is that of products
@@ -264,8 +269,8 @@ fn measure_training(
 fn peak_rate(isa: Isa) -> f64 {
     let rounds = 20_000;
     let start = ThreadTime::now();
-    black_box(peak(isa, rounds));
-    (rounds * 96 * 32) as f64 / start.elapsed().as_secs_f64()
+    black_box(multiply_adds::chains(isa, rounds));
+    (rounds * multiply_adds::OF_A_ROUND) as f64 / start.elapsed().as_secs_f64()
 }
 
 fn measure(

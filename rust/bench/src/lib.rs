@@ -1,73 +1,52 @@
-//! Speeds of this machine, collected from the crates that own the kernels.
+//! Speeds of this machine, and what it could do at best: `relume-bench`, a program of the checkout.
 
 mod device;
+mod figure;
+mod gather;
 mod goals;
+mod live;
+mod networks;
+mod peak;
+mod rays;
+mod record;
+mod scenes;
+mod shaders;
+mod solve;
+mod timing;
 
-use crate::device::compute::Compute;
-use crate::error::SessionError;
-use crate::progress::{Monitor, Stage};
-use crate::solve;
-use glam::{Affine3A, Vec2, Vec3};
+use std::time::Instant;
+
+use anyhow::{Result, bail};
 use relume_dump::MemoryWriter;
-use relume_gather::bench::PAPER;
-use relume_gpu::Figure;
-use relume_proxy::bench::Extent as NetworkExtent;
-use relume_scene::{Camera, Input, Instance, Material, Mesh, Node, Scene, SceneBuilder};
+use relume_session::{Compute, Device};
 use relume_trace::{Control, TraceSettings, Tracer};
-use serde::{Deserialize, Serialize};
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-/// One measured figure. Peers are other programs measured in the same run, or the paper; limits are what the machine could do at
-/// best.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Record {
-    /// What was measured.
-    pub name: String,
-    /// The figure.
-    pub value: f64,
-    /// Its unit.
-    pub unit: String,
-    /// Name of the peer.
-    pub peer: Option<String>,
-    /// The peer's figure.
-    pub peer_value: Option<f64>,
-    /// `value / peer_value`.
-    pub ratio: Option<f64>,
-    /// The limit, in the same unit.
-    pub limit: Option<f64>,
-    /// What takes all of the time at the limit: `bytes`, `operations` or `copies`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub limit_by: Option<String>,
-    /// `value / limit`; of a time, `limit / value`.
-    pub share_of_limit: Option<f64>,
-    /// What an NVIDIA H200 is to reach, in the same unit.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub goal: Option<f64>,
-    /// Name of the GPU; none for the CPU.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub adapter: Option<String>,
-    /// Day of the measurement in universal time, `2026-11-22`.
-    #[serde(default)]
-    pub date: String,
-}
+use figure::Figure;
+use gather::on_gpu::PAPER;
+use networks::Extent as NetworkExtent;
+pub use record::Record;
+use record::today;
+use scenes::closed_box;
 
 /// A part of the benchmark: its name and what it does.
-struct Part<'a>(&'static str, Box<dyn Fn() -> Result<Vec<Record>, SessionError> + 'a>);
+struct Part<'a>(&'static str, Box<dyn Fn() -> Result<Vec<Record>> + 'a>);
 
-/// What is measured.
+/// Choice of parts.
 #[derive(Clone, Debug, Default)]
 pub struct BenchOptions {
     /// Parts by their names; all if none is here.
     pub parts: Vec<String>,
-    /// As little of each as there can be, in seconds, to see that it works; the figures say nothing, and are called `trial: ...`.
+    /// True for the least that shows that everything runs, in seconds. The figures are called `trial: ...` and say nothing.
     pub trial: bool,
 }
 
-/// How much of each part is measured; pictures in pixels.
+/// Extent of each part; pictures in pixels.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     /// Picture and samples of the tracer.
     traced: ((usize, usize), u32),
+    /// Triangles along an edge of the cave that rays are shot in, and rays.
+    rays: (usize, usize),
     /// Megabytes of made-up positions that the gather reads.
     gather_megabytes: usize,
     networks: NetworkExtent,
@@ -86,13 +65,14 @@ impl Extent {
     /// The paper's sizes, and bytes well beyond caches.
     const CARD: Self = Self {
         traced: ((128, 128), 64),
+        rays: (300, 50_000),
         gather_megabytes: 1024,
         networks: NetworkExtent::CARD,
         first: (PAPER.0, PAPER.1),
         edited: (PAPER.0, PAPER.1),
         paper: PAPER,
         picture: (PAPER.0, PAPER.1),
-        steps: solve::bench::STEPS,
+        steps: solve::STEPS,
     };
     const CPU: Self = Self { gather_megabytes: 256, networks: NetworkExtent::CPU, ..Self::CARD };
     /// A software driver is some hundred times slower than a card.
@@ -106,6 +86,7 @@ impl Extent {
     };
     const TRIAL: Self = Self {
         traced: ((16, 16), 4),
+        rays: (10, 100),
         gather_megabytes: 1,
         networks: NetworkExtent::TRIAL,
         first: (32, 20),
@@ -125,36 +106,29 @@ impl Extent {
     }
 }
 
-/// Measures tracer, gather and networks, one after the other; on a GPU its limits, the time to a first picture and to that of an edit,
-/// gathers (`paper`: at the size of the paper's), networks, what checks in kernels cost, and one light solved. `keep` is called with the records of each part as
-/// soon as that is done.
+/// Measures tracer, rays, gather and networks, one after the other. On a GPU: its limits, the time to a first picture and to that of
+/// an edit, gathers (`paper`: at the size of the paper's), networks, what checks in kernels cost, and one light solved. `keep` is
+/// called with the name and the records of each part as soon as that is done.
 ///
 /// # Errors
-/// [`SessionError::Settings`] for a part that there is not; [`SessionError::Cancelled`] between two of them; what `keep` says; if
-/// the GPU has not the memory, or was lost.
+/// If there is no such device or part; the error of `keep`; if the GPU has not the memory, or was lost.
 pub fn bench(
-    compute: &Compute,
+    device: &Device,
     options: &BenchOptions,
-    keep: &mut dyn FnMut(&[Record]) -> Result<(), SessionError>,
-    monitor: &Monitor,
-) -> Result<Vec<Record>, SessionError> {
-    let mut parts = parts(compute, Extent::new(compute, options.trial));
+    keep: &mut dyn FnMut(&str, &[Record]) -> Result<()>,
+) -> Result<Vec<Record>> {
+    let compute = device.open(None)?;
+    let mut parts = parts(device, &compute, Extent::new(&compute, options.trial));
     let only = &options.parts;
     let names: Vec<_> = parts.iter().map(|part| part.0).collect();
     if let Some(unknown) = only.iter().find(|name| !names.contains(&name.as_str())) {
         let there = names.join(", ");
-        return Err(SessionError::Settings(format!(
-            "the benchmark of this device has no part {unknown}; there are: {there}"
-        )));
+        bail!("the benchmark of this device has no part {unknown}; there are: {there}");
     }
     parts.retain(|part| only.is_empty() || only.iter().any(|name| name == part.0));
     let adapter = compute.gpu.as_ref().map(|gpu| gpu.summary().name.clone());
-    let stage = monitor.stage(Stage::Bench, 0, parts.len() as u64);
     let mut all = Vec::new();
     for Part(name, measure) in parts {
-        if monitor.cancelled() {
-            return Err(SessionError::Cancelled);
-        }
         let mut records = measure()?;
         for record in &mut records {
             record.adapter.clone_from(&adapter);
@@ -166,25 +140,25 @@ pub fn bench(
                 goals::compare(record);
             }
         }
-        keep(&records)?;
+        keep(name, &records)?;
         all.extend(records);
-        stage.advance(1, name);
     }
     Ok(all)
 }
 
-fn parts(compute: &Compute, of: Extent) -> Vec<Part<'_>> {
+fn parts<'a>(device: &'a Device, compute: &'a Compute, of: Extent) -> Vec<Part<'a>> {
     let Some(gpu) = &compute.gpu else {
         return vec![
             Part("tracer", Box::new(move || tracer(of.traced))),
-            Part("gather", Box::new(move || gather(of.gather_megabytes))),
-            Part("networks", Box::new(move || networks(of.networks))),
+            Part("rays", Box::new(move || rays::measure(of.rays))),
+            Part("gather", Box::new(move || Ok(records(gather::measure(of.gather_megabytes)?)))),
+            Part("networks", Box::new(move || Ok(records(networks::kernels(of.networks)?)))),
         ];
     };
     vec![
         Part("device", Box::new(|| device::limits(gpu))),
         Part("first-picture", Box::new(move || device::first_picture(gpu, of.first))),
-        Part("edit", Box::new(move || device::edit(gpu, of.edited))),
+        Part("edit", Box::new(move || device::edit(device, gpu, of.edited))),
         Part("gather", Box::new(move || device::gather(gpu, of.gather_megabytes))),
         Part("paper", Box::new(move || device::paper_gather(gpu, of.paper))),
         Part("networks", Box::new(move || device::networks(gpu, of.networks))),
@@ -193,49 +167,12 @@ fn parts(compute: &Compute, of: Extent) -> Vec<Part<'_>> {
     ]
 }
 
-/// The day in universal time, `2026-11-22`.
-fn today() -> String {
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-    date_of(seconds / 86_400)
-}
-
-/// The date so many days after 1970-01-01, by Hinnant's `civil_from_days` (howardhinnant.github.io/date_algorithms.html): years start
-/// in March, so that leap days come last.
-fn date_of(days: u64) -> String {
-    let days = days + 719_468;
-    let (era, day) = (days / 146_097, days % 146_097);
-    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
-    let day = day - (365 * year + year / 4 - year / 100);
-    let month = (5 * day + 2) / 153;
-    let day = day - (153 * month + 2) / 5 + 1;
-    let (year, month) = (era * 400 + year + u64::from(month >= 10), (month + 2) % 12 + 1);
-    format!("{year:04}-{month:02}-{day:02}")
-}
-
-fn gather(megabytes: usize) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_gather::bench::measure(megabytes)?.into_iter().map(Record::from).collect())
-}
-
-fn networks(extent: NetworkExtent) -> Result<Vec<Record>, SessionError> {
-    Ok(relume_proxy::bench::kernels(extent)?.into_iter().map(Record::from).collect())
-}
-
-impl From<Figure> for Record {
-    fn from(figure: Figure) -> Self {
-        Self {
-            share_of_limit: figure.share_of_limit(),
-            limit: figure.limit.map(|limit| limit.value),
-            limit_by: figure.limit.map(|limit| limit.by.to_string()),
-            name: figure.name,
-            value: figure.value,
-            unit: figure.unit.into(),
-            ..Self::default()
-        }
-    }
+fn records(figures: Vec<Figure>) -> Vec<Record> {
+    figures.into_iter().map(Record::from).collect()
 }
 
 /// Paths and segments per second in a closed grey box, where no path escapes: the cost of a bounce without that of a scene.
-fn tracer((size, samples): ((usize, usize), u32)) -> Result<Vec<Record>, SessionError> {
+fn tracer((size, samples): ((usize, usize), u32)) -> Result<Vec<Record>> {
     let scene = closed_box(size)?;
     let settings = TraceSettings { samples, ..TraceSettings::default() };
     let tracer = Tracer::new(&scene, &settings)?;
@@ -256,64 +193,20 @@ fn tracer((size, samples): ((usize, usize), u32)) -> Result<Vec<Record>, Session
     ])
 }
 
-pub(crate) fn closed_box((width, height): (usize, usize)) -> Result<Scene, SessionError> {
-    let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - Vec3::ONE;
-    let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let mesh = Mesh {
-        name: "box".into(),
-        positions: (0..8).map(corner).collect(),
-        triangles: sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect(),
-        ..Mesh::default()
-    };
-    let diffuse = Node::Diffuse { color: Input::Rgb([0.7; 3]), roughness: Input::Float(0.0), normal: None };
-    let material = Material { name: "grey".into(), nodes: vec![diffuse], surface: Some(0) };
-    let mut builder = SceneBuilder::new("Linear Rec.709");
-    builder.set_camera(Camera {
-        width,
-        height,
-        window_min: Vec2::splat(-0.8),
-        window_max: Vec2::splat(0.8),
-        ..Camera::default()
-    });
-    let material = builder.add_material_json(&serde_json::to_string(&material).unwrap_or_default())?;
-    let mesh = builder.add_mesh(mesh)?;
-    builder.add_instance(Instance::new("box", mesh, Affine3A::IDENTITY, vec![material]))?;
-    Ok(builder.build()?)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::compute::Device;
     use relume_gpu::GpuChoice;
 
-    #[test]
-    fn no_path_leaves_the_closed_box() {
-        let scene = closed_box((128, 128)).unwrap();
-        let tracer = Tracer::new(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() }).unwrap();
-        let writer = MemoryWriter::new(tracer.manifest()).unwrap();
-        tracer.trace(&writer, &Control::default()).unwrap();
-        assert!(writer.snapshot().aovs().depth.data.iter().all(|depth| *depth > 0.9));
-    }
-
-    #[test]
-    fn dates_are_those_of_the_calendar() {
-        for (days, date) in
-            [(0, "1970-01-01"), (11_016, "2000-02-29"), (11_017, "2000-03-01"), (20_779, "2026-11-22")]
-        {
-            assert_eq!(date_of(days), date);
-        }
-    }
-
     /// Kept part by part, and all of them.
-    fn trial_of(compute: &Compute) -> Vec<Vec<Record>> {
+    fn trial_of(device: &Device) -> Vec<Vec<Record>> {
         let mut kept = Vec::new();
-        let keep = &mut |records: &[Record]| {
+        let keep = &mut |_: &str, records: &[Record]| {
             kept.push(records.to_vec());
             Ok(())
         };
         let options = BenchOptions { trial: true, ..BenchOptions::default() };
-        let records = bench(compute, &options, keep, &Monitor::default()).unwrap();
+        let records = bench(device, &options, keep).unwrap();
         assert_eq!(kept.concat(), records);
         kept
     }
@@ -324,7 +217,7 @@ mod tests {
         records.iter().map(|r| (&r.name[r.name.len() - name(r)..], r.unit.as_str())).collect()
     }
 
-    /// All are numbers above 0 and fit their limits, and nothing else is said of them.
+    /// Asserts that all are numbers above 0 and fit their limits, and that nothing else is said of them.
     fn check(records: &[Record], adapter: Option<&str>) {
         for record in records {
             let is_of_driver = record.name.starts_with("trial: driver: ");
@@ -348,14 +241,15 @@ mod tests {
         }
     }
 
-    /// Of a trial: the narrow ones.
+    /// Networks of a trial: the narrow ones.
     const NETWORKS: [&str; 2] = ["reference 64/4", "fast 64x2"];
 
     #[test]
     fn a_trial_of_a_gpu_has_all_figures_of_all_parts() {
-        let compute = Device::Gpu(GpuChoice::Best).open(None).unwrap();
-        let kept = trial_of(&compute);
-        check(&kept.concat(), compute.gpu.as_ref().map(|gpu| gpu.summary().name.as_str()));
+        let device = Device::Gpu(GpuChoice::Best);
+        let kept = trial_of(&device);
+        let gpu = device.open(None).unwrap().gpu.unwrap();
+        check(&kept.concat(), Some(&gpu.summary().name));
         let [device, first, edit, gather, paper, networks, checks, light] = &kept[..] else {
             panic!("{} parts", kept.len());
         };
@@ -404,13 +298,14 @@ mod tests {
 
     #[test]
     fn a_trial_of_the_cpu_has_all_figures_of_all_parts() {
-        let kept = trial_of(&Compute::default());
-        check(&kept.concat(), None);
-        let [tracer, gather, networks] = &kept[..] else { panic!("{} parts", kept.len()) };
+        let kept = trial_of(&Device::Cpu);
+        let [tracer, rays, gather, networks] = &kept[..] else { panic!("{} parts", kept.len()) };
         let traced =
             ["paths", "segments"].map(|what| (format!("trace, closed box, {what}"), format!("{what}/s")));
         let expected: Vec<_> = traced.iter().map(|(name, unit)| (name.as_str(), unit.as_str())).collect();
         assert_eq!(figures(tracer), expected);
+        check(&[&tracer[..], gather, networks].concat(), None);
+        assert_eq!(rays.len(), 1 + 3 * 2);
         let units = ["GB/s", "G segments/s", "targets/s"];
         assert!(figures(gather).iter().all(|(_, unit)| units.contains(unit)), "{gather:?}");
         assert!(gather.len() > 10, "{gather:?}");
@@ -428,15 +323,17 @@ mod tests {
 
     #[test]
     fn a_part_that_there_is_not_is_answered_with_those_that_there_are() {
-        let of = |compute: &Compute| {
+        let of = |device: &Device| {
             let options = BenchOptions { parts: vec!["tracer".into(), "all".into()], trial: true };
-            let keep =
-                &mut |_: &[Record]| -> Result<(), SessionError> { panic!("nothing was to be measured") };
-            bench(compute, &options, keep, &Monitor::default()).unwrap_err().to_string()
+            let keep = &mut |_: &str, _: &[Record]| -> Result<()> { panic!("nothing was to be measured") };
+            bench(device, &options, keep).unwrap_err().to_string()
         };
-        let on_cpu = of(&Compute::default());
-        assert!(on_cpu.contains("no part all") && on_cpu.contains("tracer, gather, networks"), "{on_cpu}");
-        let on_gpu = of(&Device::Gpu(GpuChoice::Best).open(None).unwrap());
+        let on_cpu = of(&Device::Cpu);
+        assert!(
+            on_cpu.contains("no part all") && on_cpu.contains("tracer, rays, gather, networks"),
+            "{on_cpu}"
+        );
+        let on_gpu = of(&Device::Gpu(GpuChoice::Best));
         assert!(
             on_gpu.contains("no part tracer") && on_gpu.contains("device, first-picture, edit"),
             "{on_gpu}"

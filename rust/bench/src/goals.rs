@@ -2,9 +2,9 @@ use std::sync::OnceLock;
 
 use serde::Deserialize;
 
-use super::Record;
+use crate::Record;
 
-/// What is to be reached on an NVIDIA H200, beside the paper's figures. `scripts/bench/graphics.py` makes a table of the same file.
+/// Goals on an NVIDIA H200, beside the paper's figures. `scripts/bench/graphics.py` makes a table of the same file.
 const GOALS: &str = include_str!("goals.json");
 
 /// A goal, for figures whose names begin with one of `names`.
@@ -35,10 +35,11 @@ pub fn compare(record: &mut Record) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Extent, device::solve_name};
     use super::*;
-    use relume_gather::bench::paper_names;
-    use relume_proxy::bench::{inference_names, training_names};
+    use crate::Extent;
+    use crate::device::solve_name;
+    use crate::gather::on_gpu::paper_names;
+    use crate::networks::{inference_names, training_names};
 
     /// Figures are found by their names: one that is called otherwise would lose its goal in silence.
     #[test]

@@ -85,15 +85,6 @@ impl Figure {
     }
 }
 
-/// A line for people.
-impl fmt::Display for Figure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:<76} {:>12.4e} {}", self.name, self.value, self.unit)?;
-        let Some((limit, share)) = self.limit.zip(self.share_of_limit()) else { return Ok(()) };
-        write!(f, "  {:.0} % of {:.4} by {}", 100.0 * share, limit.value, limit.by)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -106,9 +97,7 @@ mod tests {
         let rate = Figure::new("rate", 1.0, "GB/s").within(&limits);
         assert_eq!((rate.limit, rate.share_of_limit()), (Some(limits[0]), Some(0.5)));
         assert_eq!(Figure::new("size", 1.0, "B").within(&[]).share_of_limit(), None);
-        assert!(time.to_string().ends_with("8.0000e0 ms  50 % of 4.0000 by operations"), "{time}");
-        assert!(
-            Figure::new("rate", 1.0, "GB/s").within(&[Limit::copies(4.0)]).to_string().ends_with("copies")
-        );
+        let copies = Figure::new("rate", 1.0, "GB/s").within(&[Limit::copies(4.0)]);
+        assert_eq!(copies.limit.map(|limit| limit.by.to_string()).as_deref(), Some("copies"));
     }
 }

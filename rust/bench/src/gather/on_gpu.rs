@@ -1,26 +1,25 @@
 //! Speed of the gather on a GPU against what that GPU can read, measured in the same process just before.
 
-mod paper;
-
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
 use relume_dump::Flags;
-use relume_gpu::{Figure, Gpu, Limit};
+use relume_gather::{
+    Environment, Gather, GatherError, GpuGather, GpuLights, GpuWorld, PreparedLight, SampleSplit, SoftGather,
+};
+use relume_gpu::Gpu;
 use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 
-use super::chunk::{MOST_PENDING, RECORD_BYTES};
-use super::light::GpuLights;
-use super::world::GpuWorld;
-use crate::bench::{Room, light, room, sphere};
-use crate::{Environment, Gather, GatherError, GpuGather, PreparedLight, SampleSplit, SoftGather};
-use paper::{PaperDump, SEGMENT_BYTES};
+use super::paper::{PaperDump, SEGMENT_BYTES};
+use super::room::{POSITION_BYTES, Room, light, room, sphere};
+use crate::figure::{Figure, Limit};
+use crate::peak;
 
 /// Rounds, of which the best counts.
 const ROUNDS: usize = 3;
-/// Bytes that are read of a segment that the light is far from, in the order of paths.
-const POSITION_BYTES: f64 = 8.0;
+/// Bytes of a record on the device.
+const RECORD_BYTES: u64 = 12;
 /// Multiply-adds, or what takes as long, of the test whether a sphere is near a segment (`is_near` in `light.wgsl`): five times
 /// three coordinates, a division, and three comparisons.
 const LIGHT_TEST: f64 = 19.0;
@@ -91,9 +90,9 @@ pub fn measure_paper(
         let time = Figure::new(paper_name(SMALL_LIGHT, size), 1e3 * records / bench.gather(&[SMALL])?, "ms");
         figures.push(time.within(&[Limit::bytes(1e3 * records * bytes / peaks.read)]));
     }
-    let lights = bench.prepare(&spheres)?;
+    let lights = PAPER_LIGHTS.map(|count| bench.on_gpu.lights(&bench.prepare(&spheres[..count])?));
     drop(bench);
-    figures.extend(as_in_the_paper(gpu, size, &lights, &peaks)?);
+    figures.extend(as_in_the_paper(gpu, size, lights, &peaks)?);
     Ok(figures)
 }
 
@@ -129,15 +128,17 @@ fn paper_figures(
 fn as_in_the_paper(
     gpu: &Gpu,
     size: (usize, usize, usize),
-    lights: &[PreparedLight],
+    lights: [Result<GpuLights, GatherError>; PAPER_LIGHTS.len()],
     peaks: &Peaks,
 ) -> Result<Vec<Figure>, GatherError> {
     let (width, height, samples) = size;
     let dump = PaperDump::new(gpu, width * height * samples * PAPER_SEGMENTS, width * height)?;
     let mut figures = Vec::new();
-    for count in PAPER_LIGHTS {
-        let lights = GpuLights::new(gpu, &lights[..count], MAGNITUDE)?;
-        let seconds = seconds(gpu, || dump.gather(gpu, &lights).map(drop).map_err(GatherError::from))?;
+    for (count, lights) in PAPER_LIGHTS.into_iter().zip(lights) {
+        let lights = lights?;
+        let kernel = dump.kernel(gpu, count)?;
+        let gather = || dump.gather(gpu, &kernel, &lights).map(drop).map_err(GatherError::from);
+        let seconds = seconds(gpu, gather)?;
         let measured = (dump.segments() as f64, seconds);
         figures.extend(paper_figures((LAYOUT_OF_THE_PAPER, count), size, measured, peaks));
     }
@@ -166,9 +167,9 @@ struct Peaks {
 impl Peaks {
     fn new(gpu: &Gpu) -> Result<Self, GatherError> {
         Ok(Self {
-            read: gpu.peak_read()?.max(gpu.peak_copy()?),
-            multiply_adds: gpu.peak_multiply_adds()?,
-            upload: gpu.transfers()?[0],
+            read: peak::read(gpu)?.max(peak::copy(gpu)?),
+            multiply_adds: peak::multiply_adds(gpu)?,
+            upload: peak::transfers(gpu)?[0],
         })
     }
 
@@ -186,13 +187,13 @@ fn scaled(limit: Limit, factor: f64) -> Limit {
 const LIGHTS: usize = 4;
 /// A light of a tenth of the room.
 const SMALL: LightShape = LightShape::Sphere { center: Vec3::new(1.0, -2.0, 0.5), radius: 0.4 };
-/// Largest coordinate of the room.
-const MAGNITUDE: f32 = 4.0;
+#[cfg(test)]
 const ONE_LIGHT: &str = "gather of 1 sphere light";
 const ONE_LIGHT_READS: &str = "positions read for 1 sphere light";
 const SMALL_LIGHT: &str = "gather of a light of a tenth of the room, sorted";
 
 /// Names of the times of [`measure_paper`] of all of [`PAPER`].
+#[cfg(test)]
 pub fn paper_names() -> [String; 2] {
     [ONE_LIGHT, SMALL_LIGHT].map(|what| paper_name(what, PAPER))
 }
@@ -272,7 +273,11 @@ impl<'a> Bench<'a> {
         let shared = POSITION_BYTES / LIGHTS as f64;
         let read = peaks.segments(shared, 1.0).map(|limit| scaled(limit, 1.0 / records));
         let copied = Limit::copies(peaks.upload * LIGHTS as f64 / (records * RECORD_BYTES as f64));
-        let streaming = GpuGather::streaming(Arc::clone(self.gpu), &self.cpu, MOST_PENDING);
+        // Nothing stays on a device without memory.
+        self.gpu.set_memory_budget(Some(0));
+        let streaming = GpuGather::new(Arc::clone(self.gpu), &self.cpu);
+        self.gpu.set_memory_budget(None);
+        let streaming = streaming?;
         let figure = |of: &str, on_gpu, limits: &[Limit]| {
             let name = format!("pixel targets{of}, {LIGHTS} lights a pixel");
             Ok::<_, GatherError>(figure(&name, self.targets(on_gpu, shapes)?, "targets/s").within(limits))
@@ -357,7 +362,7 @@ impl<'a> Bench<'a> {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use relume_gpu::GpuChoice;
 
