@@ -12,13 +12,15 @@ from .camera import film_border, film_size
 Warn = Callable[[str], None]
 
 
-def warn_about_scene(depsgraph: bpy.types.Depsgraph, warn: Warn) -> None:
-    """Names settings of a scene and its view layer that no picture by Relume has."""
-    scene, layer = depsgraph.scene, depsgraph.view_layer
+def left_out_of_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
+    """Sentences about settings of a scene and its view layer that no picture by Relume has."""
+    sentences = []
     if scene.render.use_motion_blur and layer.use_motion_blur:
-        warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
+        sentences.append(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
     if scene.render.use_simplify and _limits_textures(scene):
-        warn(f"scene '{scene.name}': the texture limit of Simplify is not supported; textures keep their size")
+        words = "the texture limit of Simplify is not supported; textures keep their size"
+        sentences.append(f"scene '{scene.name}': {words}")
+    return sentences
 
 
 def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:

@@ -15,7 +15,7 @@ from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .geometry import GeometryExporter
 from .images import ImageExporter
-from .left_out import warn_about_mesh, warn_about_scene
+from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
@@ -76,7 +76,6 @@ def export_scene(
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     camera = _camera_object(depsgraph, options)
     builder.set_camera(camera_json(camera, scene, size))
-    warn_about_scene(depsgraph, builder.warn)
     _SceneExporter(builder, depsgraph, camera, render_world).run()
 
 
@@ -85,7 +84,7 @@ def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bp
     camera = scene.objects.get(options.camera) if options.camera else scene.camera
     if camera is None or camera.type != "CAMERA":
         cameras = [obj.name for obj in scene.objects if obj.type == "CAMERA"]
-        problem = f"camera '{options.camera}' is not in scene '{scene.name}'" if options.camera else "no camera is set"
+        problem = f"camera '{options.camera}' is not in the scene" if options.camera else "no camera is set"
         have = f"its cameras are: {', '.join(cameras)}" if cameras else "add a camera"
         raise ExportError(f"{problem}; {have}")
     return camera.evaluated_get(depsgraph)

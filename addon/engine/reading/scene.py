@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from ...export import ExportOptions, export_scene
-from ...export.left_out import left_to_blender
+from ...export.left_out import left_out_of_scene, left_to_blender
 from ...export.stop import ExportCancelled, Stop
 from ...export.view_layer import render_layer
 from ...export.working_space import LINEAR_REC709, working_space
@@ -63,9 +63,10 @@ def scene_of_depsgraph(
 
 
 def _export(scene: bpy.types.Scene, options: ExportOptions | None) -> Callable[[bpy.types.Depsgraph, Stop], Any]:
-    """Work that reads a scene and names what only Blender's own renders have. That is found before the reading, which
-    switches it off."""
-    notes = left_to_blender(scene, render_layer(scene))
+    """Work that reads a scene and names what is left out. That is found before: the copy that is read has another name
+    and other settings."""
+    layer = render_layer(scene)
+    notes = [*left_out_of_scene(scene, layer), *left_to_blender(scene, layer)]
     return lambda depsgraph, stop: scene_of_depsgraph(depsgraph, options, stop, notes)
 
 
