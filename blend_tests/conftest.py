@@ -35,9 +35,11 @@ def fake_native(monkeypatch):
     """A fake native module."""
     import relume
 
-    from fake_live import FakeLive
+    from fake_live import FakeLight, FakeLive, FakeRequest
 
     monkeypatch.setattr(relume, "Live", FakeLive)
+    monkeypatch.setattr(relume, "Light", FakeLight)
+    monkeypatch.setattr(relume, "Request", FakeRequest)
     FakeLive.made.clear()
 
 

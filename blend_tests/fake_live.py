@@ -4,6 +4,28 @@ import json
 from types import SimpleNamespace
 
 import numpy as np
+import relume
+
+
+class FakeLight:
+    """Stands in for `relume.Light`."""
+
+    def __init__(self, description):
+        self.description = dict(description)
+
+
+class FakeRequest:
+    """Stands in for `relume.Request`; its content can be looked at."""
+
+    def __init__(self, lights, **options):
+        self.content = {"lights": [light.description for light in lights], "with": "auto"} | options
+
+    @classmethod
+    def parse(cls, text):
+        """As Request.parse."""
+        request = cls([])
+        request.content = json.loads(text)
+        return request
 
 
 class FakeLive:
@@ -16,24 +38,8 @@ class FakeLive:
         self.calls = []
         self.requests = []
         self.newest = None
-        self.state = {
-            "state": "empty",
-            "paused": False,
-            "stage": None,
-            "samples": 0,
-            "samples_total": 0,
-            "world_color": None,
-            "world_map": None,
-            "world_is_stored": True,
-            "proxies": {},
-            "unlearned": [],
-            "to_learn": [],
-            "device": "CPU, 2 threads",
-            "warnings": [],
-            "rarely_met": [],
-            "error": None,
-            "shown": None,
-        }
+        self.state = {"device": "CPU, 2 threads", "world_is_stored": True}
+        """Fields of `relume.LiveStatus` that are not those of a shot without a bake."""
         FakeLive.made.append(self)
 
     def tell(self, **changes):
@@ -67,7 +73,7 @@ class FakeLive:
 
     def relight(self, request):
         """As Live.relight."""
-        self.requests.append(json.loads(request))
+        self.requests.append(request.content)
         return len(self.requests)
 
     def show_world(self, world, request):
@@ -82,7 +88,7 @@ class FakeLive:
 
     def status(self):
         """As Live.status."""
-        return json.dumps(self.state)
+        return relume.LiveStatus(**self.state)
 
     def pause(self, paused):
         """As Live.pause."""

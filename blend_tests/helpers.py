@@ -160,7 +160,7 @@ def until(scene, condition, what):
     while time.monotonic() < deadline:
         scheduler.tick()
         found = shot.of(scene)
-        assert found.status["state"] != "failed", found.status["error"]
+        assert found.status.phase != "failed", found.status.error
         if condition(found):
             return found
         time.sleep(TICK_SECONDS)

@@ -51,7 +51,7 @@ def fill(disk):
 def turn_until(scene, state):
     """Ticks as Blender's timer does, until the work is in a state; also where it fails."""
     deadline = time.monotonic() + SECONDS
-    while shot.of(scene).status["state"] != state:
+    while shot.of(scene).status.phase != state:
         assert time.monotonic() < deadline, shot.of(scene).status
         scheduler.tick()
         time.sleep(TICK_SECONDS)
@@ -64,7 +64,7 @@ def learned(studio, disk):
     studio.relume.folder = str(disk / "bake")
     options.preferences().train_seconds = 1.0
     start(studio)
-    until(studio, lambda found: found.status["state"] == "ready" and settled(found), "the proxy")
+    until(studio, lambda found: found.status.phase == "ready" and settled(found), "the proxy")
     assert (disk / "bake" / PROXY).exists()
     return studio
 
@@ -79,7 +79,7 @@ def test_what_was_learned_stays_and_learning_goes_on_with_room(learned, disk):
     assert status.headline(found.status).startswith("The disk is full: free some space")
     assert (disk / "bake" / PROXY).read_bytes() == proxy, "nothing half-written takes its place"
     assert not [path for path in (disk / "bake").iterdir() if path.name.startswith(".")]
-    assert found.status["proxies"], "it is used still"
+    assert found.status.live.proxies, "it is used still"
     before = found.frame.image[..., :3].mean()
     bpy.data.lights["Key"].energy *= 2.0
     update()
@@ -89,8 +89,8 @@ def test_what_was_learned_stays_and_learning_goes_on_with_room(learned, disk):
     assert found.frame.image[..., :3].mean() == pytest.approx(2.0 * before, rel=0.01), "pictures go on"
     filling.unlink()
     start(learned)
-    found = until(learned, lambda found: found.status["state"] == "ready" and settled(found), "the rest")
-    assert (disk / "bake" / PROXY).read_bytes() != proxy and not found.status["is_incomplete"]
+    found = until(learned, lambda found: found.status.phase == "ready" and settled(found), "the rest")
+    assert (disk / "bake" / PROXY).read_bytes() != proxy and not found.status.is_incomplete
 
 
 def test_a_bake_in_the_background_says_so_too(learned, disk):

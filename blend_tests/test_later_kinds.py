@@ -30,24 +30,24 @@ def learned(live):
 def test_a_kind_that_is_added_later_is_learned_then(studio):
     options.preferences().train_seconds = 1.0
     start(studio)
-    is_ready = lambda found: found.status["state"] == "ready" and settled(found)  # noqa: E731
+    is_ready = lambda found: found.status.phase == "ready" and settled(found)  # noqa: E731
     found = until(studio, is_ready, "the proxy of points")
-    assert set(found.status["proxies"]) == {"facing-disk"}
+    assert set(found.status.live.proxies) == {"facing-disk"}
     add_light(studio, "AREA", name="Rim")
     update()
-    until(studio, lambda found: found.status["state"] == "training", "the training of rectangles")
-    assert found.status["is_incomplete"] and bake_goal.read(found.folder) == bake_goal.BakeGoal(16, 1.0)
+    until(studio, lambda found: found.status.phase == "training", "the training of rectangles")
+    assert found.status.is_incomplete and bake_goal.read(found.folder) == bake_goal.BakeGoal(16, 1.0)
     until(studio, is_ready, "the proxy of rectangles")
-    assert set(found.status["proxies"]) == {"facing-disk", "quad"} and bake_goal.read(found.folder) is None
+    assert set(found.status.live.proxies) == {"facing-disk", "quad"} and bake_goal.read(found.folder) is None
     assert not any("no proxy has learned" in note for note in found.notes)
     add_light(studio, "SUN", name="Sun")
     update()
     until(studio, is_ready, "the sun, which is never learned")
-    assert set(found.status["proxies"]) == {"facing-disk", "quad"}
+    assert set(found.status.live.proxies) == {"facing-disk", "quad"}
     assert any("'Sun'" in note and "no proxy has learned" in note for note in found.notes)
 
 
-def test_it_is_learned_once_and_can_go_on_after_a_cancel(lit, ready):
+def test_it_can_go_on_after_a_cancel(lit, ready):
     ready.tell(unlearned=["quad"])
     scheduler.tick()
     assert learned(ready) == [("learn", 60.0)]
@@ -57,14 +57,20 @@ def test_it_is_learned_once_and_can_go_on_after_a_cancel(lit, ready):
     found = shot.of(lit)
     assert status.is_unfinished(found.status)
     assert status.headline(found.status) == "Stopped while learning the lights; 4 samples are kept"
-    ready.tell(state="ready")  # As after a training whose proxy cannot be read.
+
+
+def test_it_is_learned_once_though_its_proxy_cannot_be_read(ready):
+    ready.tell(unlearned=["quad"])
+    scheduler.tick()
+    scheduler.tick()
+    ready.tell(state="ready")
     scheduler.tick()
     assert len(learned(ready)) == 1
 
 
 def test_nothing_is_learned_for_what_is_only_tried(lit, ready):
     found = shot.of(lit)
-    found.ask('{"lights": []}')  # As the solver does.
+    found.ask(shot.kept_request('{"lights": []}'))  # As the solver does.
     ready.tell(unlearned=["quad"])
     scheduler.tick()
     assert not learned(ready)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from addon.commands import run
+from addon.core.phase import ShotPhase
 from addon.engine.shot import options, record, shot
 from addon.engine.shot.options import remembered_bake
 from addon.export.stop import ExportCancelled
@@ -104,13 +105,13 @@ def test_disabled_opened_and_undone_while_baking(studio, tmp_path):
 def test_cancelled_bake_keeps_its_samples_and_goes_on(studio):
     studio.relume.samples = 2048
     start(studio)
-    found = until(studio, lambda found: found.status["samples"] > 0, "samples")
+    found = until(studio, lambda found: found.status.live.samples > 0, "samples")
     found.cancel()
-    until(studio, lambda found: found.status["state"] == "cancelled", "the end")
-    kept = found.status["samples"]
+    until(studio, lambda found: found.status.phase == "cancelled", "the end")
+    kept = found.status.live.samples
     assert 0 < kept < 2048
     bpy.ops.relume.start()
-    assert until(studio, lambda found: found.status["samples"] > kept, "more samples")
+    assert until(studio, lambda found: found.status.live.samples > kept, "more samples")
 
 
 def test_moved_bake_is_missed_by_name_and_found_again(studio, tmp_path):
@@ -197,7 +198,7 @@ def test_bake_of_the_command_line_is_known_in_the_window(studio, tmp_path):
 def test_undo_save_pause_and_disable_while_training(studio, tmp_path):
     options.preferences().train_seconds = 600.0
     start(studio)
-    until(studio, lambda found: found.status["state"] == "training", "training")
+    until(studio, lambda found: found.status.phase == "training", "training")
     bpy.ops.ed.undo_push(message="one")
     bpy.data.objects["Key"].location.x = 1.0
     bpy.ops.ed.undo_push(message="two")
@@ -206,7 +207,7 @@ def test_undo_save_pause_and_disable_while_training(studio, tmp_path):
     scene = bpy.context.scene
     assert bpy.ops.relume.pause() == {"FINISHED"}
     found = until(
-        scene, lambda found: found.status["paused"] and found.changes.sentences == [] and found.frame, "a pause"
+        scene, lambda found: found.status.live.paused and found.changes.sentences == [] and found.frame, "a pause"
     )
     bpy.data.lights["Key"].energy *= 2.0
     serial = found.frame.serial
@@ -224,7 +225,7 @@ def test_undo_save_pause_and_disable_while_training(studio, tmp_path):
 def test_undo_while_training_puts_the_light_back_and_the_training_goes_on(studio):
     options.preferences().train_seconds = 3.0
     start(studio)
-    found = until(studio, lambda found: found.status["state"] == "training" and found.frame is not None, "training")
+    found = until(studio, lambda found: found.status.phase == "training" and found.frame is not None, "training")
     bpy.ops.ed.undo_push(message="one")
     bpy.data.objects["Key"].location.x = -1.5
     update()
@@ -235,11 +236,11 @@ def test_undo_while_training_puts_the_light_back_and_the_training_goes_on(studio
     bpy.ops.ed.undo()
     scene = bpy.context.scene
     assert bpy.data.objects["Key"].location.x == 0.0
-    assert shot.of(scene) is found and found.status["state"] == "training"
-    until(scene, lambda found: found.status["state"] == "ready" and settled(found), "the proxy")
+    assert shot.of(scene) is found and found.status.phase == "training"
+    until(scene, lambda found: found.status.phase == "ready" and settled(found), "the proxy")
     left, right = np.split(found.frame.image[..., :3], 2, axis=1)
     assert left.mean() == pytest.approx(right.mean(), rel=0.1)
-    assert found.status["proxies"] and not found.status["is_incomplete"] and found.changes.sentences == []
+    assert found.status.live.proxies and not found.status.is_incomplete and found.changes.sentences == []
 
 
 def test_every_type_of_light_is_gathered_before_it_is_learned(studio):
@@ -248,8 +249,8 @@ def test_every_type_of_light_is_gathered_before_it_is_learned(studio):
     bpy.context.view_layer.update()
     start(studio)
     found = until(studio, settled, "all lights")
-    assert set(found.status["shown"]["makers"]) == {"Key", "Sun", "Spot"}
-    assert "proxy" not in found.status["shown"]["makers"].values()
+    assert set(found.status.live.shown["makers"]) == {"Key", "Sun", "Spot"}
+    assert "proxy" not in found.status.live.shown["makers"].values()
 
 
 def test_rebake_that_is_cancelled_while_reading_keeps_the_bake(studio, tmp_path, monkeypatch):
@@ -263,7 +264,7 @@ def test_rebake_that_is_cancelled_while_reading_keeps_the_bake(studio, tmp_path,
         patched.setattr("addon.engine.shot.shot.load_scene_async", cancelled)
         assert bpy.ops.relume.start() == {"FINISHED"}
     found = shot.of(studio)
-    assert found.status["state"] == "cancelled" and not found.is_busy
+    assert found.phase is ShotPhase.INTERRUPTED and not found.is_busy
     assert record.read(tmp_path / "bake") is not None
     assert until(studio, settled, "the bake from before").changes.sentences == []
 

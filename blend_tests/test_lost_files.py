@@ -21,7 +21,7 @@ def learned(studio, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     options.preferences().train_seconds = 1.0
     start(studio)
-    until(studio, lambda found: found.status["proxies"] and settled(found) and found.is_recorded, "a proxy")
+    until(studio, lambda found: found.status.live.proxies and settled(found) and found.is_recorded, "a proxy")
     bpy.ops.wm.save_mainfile()
     folder = shot.of(studio).folder
     shot.close_all()
@@ -56,10 +56,10 @@ def test_what_a_bake_lacks_is_named_and_made_again(learned, lost, said):
     (note,) = notes_of_files(found, folder)
     assert note.startswith(said) and "Rebake" in note
     if lost != [GUIDED]:
-        assert status.shown(found.status).startswith("Showing 16 samples") and not found.status["proxies"]
+        assert status.shown(found.status).startswith("Showing 16 samples") and not found.status.live.proxies
     options.preferences().train_seconds = 1.0
     assert bpy.ops.relume.rebake() == {"FINISHED"}
-    found = until(scene, lambda found: found.status["proxies"] and settled(found), "what was lost")
+    found = until(scene, lambda found: found.status.live.proxies and settled(found), "what was lost")
     assert notes_of_files(found, folder) == [] and all((folder / name).exists() for name in lost)
 
 

@@ -69,27 +69,27 @@ def test_a_stopped_bake_that_is_opened_again_can_go_on(studio, tmp_path, drawn):
     path = tmp_path / "shot.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     start(studio)
-    until(studio, lambda found: found.status["samples"] > 0 and found.is_recorded, "samples").cancel()
-    found = until(studio, lambda found: found.status["state"] == "cancelled", "the end")
-    assert 0 < found.status["samples"] < 4096 and "Resume" in drawn(studio).buttons
+    until(studio, lambda found: found.status.live.samples > 0 and found.is_recorded, "samples").cancel()
+    found = until(studio, lambda found: found.status.phase == "cancelled", "the end")
+    assert 0 < found.status.live.samples < 4096 and "Resume" in drawn(studio).buttons
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.open_mainfile(filepath=str(path))
     handlers.open_bakes()
     scene = bpy.context.scene
-    found = until(scene, lambda found: found.status["state"] == "ready" and found.frame is not None, "the bake")
-    layout, kept = drawn(scene), found.status["samples"]
+    found = until(scene, lambda found: found.status.phase == "ready" and found.frame is not None, "the bake")
+    layout, kept = drawn(scene), found.status.live.samples
     assert "Resume" in layout.buttons and layout.words[0] == f"Stopped at {kept} of 4096 samples; they are kept"
     scene.relume.samples = 1
     assert bpy.ops.relume.go_on() == {"FINISHED"}
-    found = until(scene, lambda found: found.status["samples"] > kept, "more samples")
-    assert found.status["samples_total"] == 4096, "the quality that it was started with"
+    found = until(scene, lambda found: found.status.live.samples > kept, "more samples")
+    assert found.status.samples_total == 4096, "the quality that it was started with"
 
 
 def test_a_bake_that_lost_its_manifest_and_one_that_was_moved_are_told_apart(studio, tmp_path, drawn, monkeypatch):
     path = tmp_path / "shot.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     start(studio)
-    folder = until(studio, lambda found: found.status["state"] == "ready", "the bake").folder
+    folder = until(studio, lambda found: found.status.phase == "ready", "the bake").folder
     bpy.ops.wm.save_mainfile()
     shot.close_all()
 
@@ -118,24 +118,24 @@ def test_a_bake_that_was_stopped_in_its_first_training_can_go_on(studio, tmp_pat
     path = tmp_path / "shot.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     start(studio)
-    found = until(studio, lambda found: found.status["state"] == "training" and found.is_recorded, "the training")
-    assert found.status["samples"] == 64
+    found = until(studio, lambda found: found.status.phase == "training" and found.is_recorded, "the training")
+    assert found.status.live.samples == 64
     if end == "cancelled":
         found.cancel()
-        until(studio, lambda found: found.status["state"] == "cancelled", "the end")
+        until(studio, lambda found: found.status.phase == "cancelled", "the end")
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.open_mainfile(filepath=str(path))
     options.preferences().train_seconds = 0.0
     handlers.open_bakes()
     scene = bpy.context.scene
-    until(scene, lambda found: found.status["state"] == "ready" and found.frame is not None, "the bake")
+    until(scene, lambda found: found.status.phase == "ready" and found.frame is not None, "the bake")
     layout = drawn(scene)
     assert "Resume" in layout.buttons and layout.words[0] == "Stopped at 64 of 96 samples; they are kept"
     assert bpy.ops.relume.go_on() == {"FINISHED"}
-    found = until(scene, lambda found: found.status["state"] == "training", "the training of all samples")
-    assert found.status["samples"] == 96
+    found = until(scene, lambda found: found.status.phase == "training", "the training of all samples")
+    assert found.status.live.samples == 96
     found.cancel()
-    until(scene, lambda found: found.status["state"] == "cancelled", "the end")
+    until(scene, lambda found: found.status.phase == "cancelled", "the end")
     layout = drawn(scene)
     assert "Resume" in layout.buttons
     assert layout.words[0] == "Stopped while learning the lights; 96 samples are kept"
@@ -237,12 +237,12 @@ def test_how_long_a_real_bake_will_take_is_said(studio, samples):
     told = []
 
     def is_done(found):
-        if (remaining := found.status["remaining"]) is not None:
-            told.append((found.status["stage"]["stage"], found.status["to_learn"], remaining))
-        return found.status["state"] == "ready"
+        if (remaining := found.status.remaining) is not None:
+            told.append((found.status.stage["stage"], found.status.live.to_learn, remaining))
+        return found.status.phase == "ready"
 
     found = until(studio, is_done, "the end")
-    assert found.status["samples"] == samples and status.to_come(found.status) == ""
+    assert found.status.live.samples == samples and status.to_come(found.status) == ""
     assert {"trace", "train", "measure"} <= {name for name, _, _ in told}
     assert told[0][1] == ([64] if samples == 128 else [64, 512])
     for name, to_learn, remaining in told:

@@ -191,7 +191,7 @@ def state(scene, folder):
             "compares": compare.running(scene) is not None,
             "solves": solving.running(scene) is not None,
             "asked": [(live.arguments, live.calls, live.requests[-1:], live.state) for live in FakeLive.made],
-            "shot": found and (str(found.folder), found.camera, found.status),
+            "shot": found and (str(found.folder), found.camera, repr(found.status)),
             "images": sorted(image.name for image in bpy.data.images),
             "files": sorted(path.name for path in folder.rglob("*.json") if path.parent.name != "bake"),
             "said": preferences._messages,
@@ -233,6 +233,7 @@ def without_shot(scene):
 
 
 def while_baking(_scene):
+    starting.start(scene)
     FakeLive.made[-1].tell(state="baking")
     scheduler.tick()
 

@@ -39,7 +39,7 @@ if "baking" in work:
     scene.relume.samples = 60_000
 if work in {"baking", "training"}:
     start(scene)
-    until(scene, lambda found: found.status["state"] == work and found.status["samples"], work)
+    until(scene, lambda found: found.status.phase == work and found.status.live.samples, work)
 elif work == "verifying":
     start(scene)
     until(scene, settled, "a picture")
@@ -131,5 +131,5 @@ def test_blender_ends_while_relume_works(studio, tmp_path, work, way):
     found = until(bpy.context.scene, settled, "what is there")
     if work != "verifying":
         assert status.is_unfinished(found.status), "what is missing is said, with a button to go on"
-    assert found.status["error"] is None and 0 < found.status["samples"]
+    assert found.status.error is None and 0 < found.status.live.samples
     shot.close_all(SECONDS)

@@ -46,7 +46,9 @@ def bake(lit, monkeypatch):
 
 def traced(clock, done):
     """The progress is another one."""
-    clock.live.tell(stage={"stage": "trace", "done": done, "total": 100, "elapsed_s": 1.0, "remaining_s": None})
+    clock.live.tell(
+        stage={"stage": "trace", "done": done, "total": 100, "elapsed_s": 1.0, "remaining_s": None, "message": ""}
+    )
 
 
 def test_progress_takes_its_share_of_the_time_and_the_last_of_it_is_said(bake):
@@ -76,7 +78,7 @@ def test_a_picture_is_drawn_at_once(bake):
 
 
 def test_another_state_is_drawn_at_once_and_again_when_the_panels_have_moved(bake, lit):
-    stage = {"stage": "trace", "done": 1, "total": 100, "elapsed_s": 1.0, "remaining_s": 99.0}
+    stage = {"stage": "trace", "done": 1, "total": 100, "elapsed_s": 1.0, "remaining_s": 99.0, "message": ""}
     more_is_told = {"stage": stage, "to_learn": [4]}
     for change in (more_is_told, {"paused": True}, {"error": "no space left"}, {"state": "cancelled", "stage": None}):
         bake.drawn.clear()

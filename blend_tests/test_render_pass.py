@@ -7,8 +7,8 @@ import pytest
 from addon.core.pass_names import only
 from addon.engine.shot import shot
 from addon.live.scheduler import scheduler
-from addon.ui import render_pass
 from addon.ui.start import start
+from addon.viewport import views
 from fake_live import FakeLive
 from helpers import add_light, add_quad, add_world, row, settled, until, update
 
@@ -37,11 +37,16 @@ def shining(request):
 @pytest.fixture
 def two(lit):
     """Two lights with a whole picture; the scene and the fake native module."""
+    return with_picture(lit, "ready")
+
+
+def with_picture(lit, state):
+    """Two lights with a whole picture while the native module is in a state."""
     add_light(lit, "AREA", name="Rim.001")
     update()
     start(lit)
     live = FakeLive.made[-1]
-    live.tell(samples=4, state="ready")
+    live.tell(samples=4, state=state)
     live.show()
     scheduler.tick()
     return lit, live
@@ -64,7 +69,7 @@ def test_a_pass_is_asked_for_when_the_picture_is_there_and_the_picture_again_aft
     rim = answer(live, samples=1)
     assert found.picture_of("Combined_Rim_001") is rim
     assert found.picture is whole and found.present_frame is whole, "the picture stays what it was"
-    assert found.status["shown"]["samples"] == 4, "and so does what is said of it"
+    assert found.status.live.shown["samples"] == 4, "and so does what is said of it"
     assert shining(live.requests[-1]) == WHOLE
     again = answer(live)
     assert found.picture is again and found.picture_of("Combined_Rim_001") is rim
@@ -101,11 +106,9 @@ def test_an_answer_that_was_overtaken_is_not_waited_for(two):
     assert found.picture_of("Combined_Key") is key
 
 
-def test_no_pass_is_asked_for_while_paths_are_traced(two):
+def test_no_pass_is_asked_for_while_paths_are_traced(lit):
     """They look for the lights of the newest request."""
-    scene, live = two
-    live.tell(state="baking")
-    scheduler.tick()
+    scene, live = with_picture(lit, "baking")
     asked = len(live.requests)
     show(scene, "Combined_Key")
     answer(live)
@@ -160,13 +163,13 @@ def test_without_its_light_the_view_shows_the_whole_picture(two, how):
 def test_other_views_and_engines_want_nothing(two):
     scene, _live = two
     show(scene, "world")
-    assert render_pass.wanted(scene) == {"world"}
+    assert views.passes_of(scene) == {"world"}
     view().type = "SOLID"
-    assert render_pass.wanted(scene) == set()
+    assert views.passes_of(scene) == set()
     view().type, scene.render.engine = "RENDERED", "CYCLES"
-    assert render_pass.wanted(scene) == set()
+    assert views.passes_of(scene) == set()
     show(scene, "Combined")
-    assert render_pass.wanted(scene) == set()
+    assert views.passes_of(scene) == set()
 
 
 def test_the_menu_sets_what_it_shows(two):

@@ -47,12 +47,12 @@ def test_pause_and_cancel_reach_the_native_module(lit):
     scheduler.tick()
     assert bpy.ops.relume.pause() == {"FINISHED"}
     scheduler.tick()
-    assert found.status["paused"] and bpy.ops.relume.pause() == {"FINISHED"}
+    assert found.status.live.paused and bpy.ops.relume.pause() == {"FINISHED"}
     scheduler.tick()
-    assert not found.status["paused"]
+    assert not found.status.live.paused
     assert bpy.ops.relume.cancel() == {"FINISHED"}
     scheduler.tick()
-    assert found.status["state"] == "cancelled"
+    assert found.status.phase == "cancelled"
 
 
 def no_camera(scene, _folder, _monkeypatch):

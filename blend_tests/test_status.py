@@ -1,15 +1,22 @@
 """What the panel says about a shot."""
 
 import pytest
+import relume
 
 from addon.core import status, words
 from addon.core.eta import Eta, EtaEstimator
-from addon.engine.shot.shot import EMPTY
+from addon.core.phase import ShotPhase
+from addon.core.shot_status import ShotStatus
 from addon.ui.panel import lines
 
+OWN = {"error", "samples_total", "stage", "remaining", "is_incomplete", "is_under_another_world"}
 
-def state(**changes):
-    return EMPTY | changes
+
+def state(phase=ShotPhase.PREPARING, **changes):
+    """A status with fields of its own and of the native module."""
+    own = {name: value for name, value in changes.items() if name in OWN}
+    live = relume.LiveStatus(**{name: value for name, value in changes.items() if name not in OWN})
+    return ShotStatus(live, ShotPhase(phase), **own)
 
 
 def stage(name, done=1, total=4, remaining_s=65.0, elapsed_s=1.0):
@@ -18,32 +25,34 @@ def stage(name, done=1, total=4, remaining_s=65.0, elapsed_s=1.0):
 
 
 SAYINGS = [
-    (state(), "Nothing is baked yet"),
-    (state(state="preparing"), "Reading the scene"),
-    (state(state="baking", stage=stage("trace"), samples=3, samples_total=64), "Tracing paths, 3 of 64 samples"),
-    (state(state="baking", stage=stage("prepare"), samples_total=64), "Preparing the scene, 0 of 64 samples"),
-    (state(state="training", stage=stage("references")), "Making pictures to compare with"),
-    (state(state="training", stage=stage("measure")), "Measuring what was learned"),
-    (state(state="training", paused=True), "Paused: Learning the lights"),
-    (state(state="ready", samples=64), "Ready, 64 samples"),
-    (state(state="ready", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
+    (state("reading"), "Reading the scene"),
+    (state("unread"), "Stopped"),
+    (state("unread", error="no camera is set"), "no camera is set"),
+    (state("preparing"), "Reading the scene"),
+    (state("baking", stage=stage("trace"), samples=3, samples_total=64), "Tracing paths, 3 of 64 samples"),
+    (state("baking", stage=stage("prepare"), samples_total=64), "Preparing the scene, 0 of 64 samples"),
+    (state("training", stage=stage("references")), "Making pictures to compare with"),
+    (state("training", stage=stage("measure")), "Measuring what was learned"),
+    (state("training", paused=True), "Paused: Learning the lights"),
+    (state("ready", samples=64), "Ready, 64 samples"),
+    (state("ready", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
     (
-        state(state="ready", samples=64, samples_total=64, is_incomplete=True),
+        state("ready", samples=64, samples_total=64, is_incomplete=True),
         "Stopped while learning the lights; 64 samples are kept",
     ),
-    (state(state="cancelled"), "Stopped"),
-    (state(state="cancelled", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
+    (state("cancelled"), "Stopped"),
+    (state("cancelled", samples=3, samples_total=8), "Stopped at 3 of 8 samples; they are kept"),
     (
-        state(state="ready", samples=3, samples_total=8, is_under_another_world=True),
+        state("ready", samples=3, samples_total=8, is_under_another_world=True),
         "Stopped at 3 of 8 samples; they are kept, but Resume traces them anew, as the world has changed since. "
         "What was learned stays",
     ),
-    (state(state="failed", error="The disk is full"), "The disk is full"),
+    (state("failed", error="The disk is full"), "The disk is full"),
     (
-        state(state="failed", error='cannot write: No space left on device (os error 28) at path "/bake/.tmp"'),
+        state("failed", error='cannot write: No space left on device (os error 28) at path "/bake/.tmp"'),
         "The disk is full: free some space, or choose another bake folder, and start again",
     ),
-    (state(state="failed"), "Relume failed without saying why"),
+    (state("failed"), "Relume failed without saying why"),
 ]
 
 
@@ -53,7 +62,7 @@ def test_headline(told, said):
 
 
 def picture(scale=1, samples=12, denoised=False, **makers):
-    common = {"serial": 1, "request": 1, "scale": scale, "samples": samples}
+    common = {"serial": 1, "request": 1, "scale": scale, "samples": samples, "settled": True}
     return common | {"makers": makers, "denoised": denoised}
 
 
@@ -88,15 +97,15 @@ def test_shown(told, said):
 
 
 def test_lights_out_of_sight_are_named_as_long_as_they_are_few():
-    assert status.out_of_sight(state(state="ready", rarely_met=["Key"])) == ["Few paths meet 'Key' where it is now"]
+    assert status.out_of_sight(state("ready", rarely_met=["Key"])) == ["Few paths meet 'Key' where it is now"]
     many = [f"Lamp {number}" for number in range(198)]
-    assert status.out_of_sight(state(state="ready", rarely_met=many)) == [
+    assert status.out_of_sight(state("ready", rarely_met=many)) == [
         "Few paths meet 'Lamp 0', 'Lamp 1', 'Lamp 2' and 195 more where they are now"
     ]
-    assert status.out_of_sight(state(state="ready", rarely_met=["Key", "Rim"])) == [
+    assert status.out_of_sight(state("ready", rarely_met=["Key", "Rim"])) == [
         "Few paths meet 'Key' and 'Rim' where they are now"
     ]
-    assert status.out_of_sight(state(state="baking", rarely_met=many)) == []
+    assert status.out_of_sight(state("baking", rarely_met=many)) == []
 
 
 FEW = "its direct light is found by one path in {} pixels and will be noise; make it larger, or bake more samples"
@@ -129,19 +138,19 @@ def test_what_is_said_of_several_lights_alike_is_said_once(notes, said):
 
 
 def test_progress_is_of_running_work_only():
-    assert status.progress(state(state="baking", stage=stage("trace"))) == (0.25, "25 %, 1:05 left")
-    assert status.progress(state(state="baking", stage=stage("trace", remaining_s=None))) == (0.25, "25 %")
-    assert status.progress(state(state="baking", stage=stage("trace", 9, 0))) == (1.0, "100 %, 1:05 left")
-    assert status.progress(state(state="ready", stage=stage("trace"))) is None
-    assert status.progress(state(state="baking")) is None
+    assert status.progress(state("baking", stage=stage("trace"))) == (0.25, "25 %, 1:05 left")
+    assert status.progress(state("baking", stage=stage("trace", remaining_s=None))) == (0.25, "25 %")
+    assert status.progress(state("baking", stage=stage("trace", 9, 0))) == (1.0, "100 %, 1:05 left")
+    assert status.progress(state("ready", stage=stage("trace"))) is None
+    assert status.progress(state("baking")) is None
 
 
 TO_COME = [
-    (state(state="baking", remaining=Eta(185.0, False, True)), "At least 3:05 until all is traced and learned"),
-    (state(state="training", remaining=Eta(185.0, True, True)), "About 3:05 until all is traced and learned"),
-    (state(state="training", remaining=Eta(65.0, True, False)), "About 1:05 until all is learned"),
-    (state(state="cancelled", remaining=Eta(65.0, True, False)), ""),
-    (state(state="baking"), ""),
+    (state("baking", remaining=Eta(185.0, False, True)), "At least 3:05 until all is traced and learned"),
+    (state("training", remaining=Eta(185.0, True, True)), "About 3:05 until all is traced and learned"),
+    (state("training", remaining=Eta(65.0, True, False)), "About 1:05 until all is learned"),
+    (state("cancelled", remaining=Eta(65.0, True, False)), ""),
+    (state("baking"), ""),
 ]
 
 

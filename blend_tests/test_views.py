@@ -96,7 +96,7 @@ def test_a_camera_that_was_deleted_and_made_again_is_known_by_its_name(view):
 def test_before_the_first_picture_there_is_a_word(view):
     view.shot.frame = None
     assert shown(view) == "The first picture is on its way"
-    view.shot.status["state"] = "failed"
+    view.shot.status.phase = "failed"
     assert shown(view) == "No picture yet"
 
 

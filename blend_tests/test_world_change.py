@@ -64,7 +64,7 @@ def test_a_turned_sky_is_shown_without_new_paths_and_found_again(turnable, tmp_p
     relume.bake(exported, other, {"samples": 64, "seed": 5}).wait()
     expected = relume.Relighter(other).relight()["combined"][::-1]
     assert np.abs(turned.mean(axis=(0, 1)) - expected.mean(axis=(0, 1))).max() < 0.1 * expected.mean()
-    assert shot.of(scene).status["world_map"] == exported.world_map
+    assert shot.of(scene).status.live.world_map == exported.world_map
 
     # A factor on the new world.
     mapping.id_data.nodes["Background"].inputs["Strength"].default_value = 4.0
@@ -74,7 +74,7 @@ def test_a_turned_sky_is_shown_without_new_paths_and_found_again(turnable, tmp_p
     update()
     assert np.abs(picture(scene, "as before") - turned).max() < 1e-3 * turned.max()
 
-    until(scene, lambda found: found.status["world_is_stored"], "the stored light")
+    until(scene, lambda found: found.status.live.world_is_stored, "the stored light")
     shot.of(scene).close(5.0)
     open_bake(scene)
     assert np.abs(picture(scene, "the opened bake") - turned).max() < 1e-3 * turned.max()
@@ -107,7 +107,7 @@ def test_a_file_is_read_once_however_often_its_sky_is_turned(turnable, tmp_path,
     turn(mapping, math.pi)
     turned = picture(scene, "one that was turned more")
     assert read == ["sky.png"]
-    assert shot.of(scene).status["world_map"] == load_scene(scene).world_map
+    assert shot.of(scene).status.live.world_map == load_scene(scene).world_map
     file = sky_file(tmp_path)
     os.utime(file, ns=(1, 1))
     turn(mapping, 3.0)
@@ -122,8 +122,8 @@ def test_a_stopped_bake_says_that_going_on_under_another_world_traces_anew(studi
     studio.relume.samples = 4096
     update()
     start(studio)
-    until(studio, lambda found: found.status["samples"] > 0, "samples").cancel()
-    found = until(studio, lambda found: found.status["state"] == "cancelled" and settled(found), "the end")
+    until(studio, lambda found: found.status.live.samples > 0, "samples").cancel()
+    found = until(studio, lambda found: found.status.phase == "cancelled" and settled(found), "the end")
     assert status.headline(found.status).endswith("they are kept")
     turn(mapping, 2.0)
     picture(studio, "the turned sky")
@@ -135,9 +135,9 @@ def test_a_stopped_bake_says_that_going_on_under_another_world_traces_anew(studi
     turn(mapping, 2.0)
     picture(studio, "the turned sky")
     assert bpy.ops.relume.go_on() == {"FINISHED"}
-    found = until(studio, lambda found: found.status["samples"] > 0, "new samples")
+    found = until(studio, lambda found: found.status.live.samples > 0, "new samples")
     after = json.loads((tmp_path / "bake" / "manifest.json").read_text())["world_map"]
-    assert after != before and not found.status["is_under_another_world"]
+    assert after != before and not found.status.is_under_another_world
 
 
 def test_other_images_and_plain_colours_take_turns(turnable):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from .phase import TRACING, WORKING, ShotPhase
 from .progress import clock, share_and_words
+from .shot_status import ShotStatus
 from .words import listed
 
 STAGES = {
@@ -27,9 +29,9 @@ def is_final(frame: Any) -> bool:
     return frame.scale == 1 and summary.get("settled", True)
 
 
-def shown(status: dict[str, Any]) -> str:
+def shown(status: ShotStatus) -> str:
     """Description of what the shown picture is made of."""
-    picture = status["shown"]
+    picture = status.live.shown
     if picture is None:
         return ""
     makers = set(picture.get("makers", {}).values())
@@ -37,7 +39,7 @@ def shown(status: dict[str, Any]) -> str:
     plain = f"{samples} {'sample' if samples == 1 else 'samples'}"
     denoised = ", denoised" if picture["denoised"] else ""
     # What few paths meet is no noise where none does: the figure would be too low.
-    if (noise := picture.get("noise")) is not None and not status["rarely_met"]:
+    if (noise := picture.get("noise")) is not None and not status.live.rarely_met:
         denoised += f" (noise {100 * noise:.0f} %{' before' if denoised else ''})"
     size = f", at 1/{picture['scale']} size" if picture.get("scale", 1) > 1 else ""
     if "proxy" not in makers:
@@ -46,18 +48,18 @@ def shown(status: dict[str, Any]) -> str:
     return f"Showing the proxy{_error(status)}{mixed}{size}"
 
 
-def _error(status: dict[str, Any]) -> str:
+def _error(status: ShotStatus) -> str:
     """Measured error of the one proxy; of several the largest, as which of them are in use is not told."""
-    errors = [proxy["smape"] for proxy in status["proxies"].values() if proxy.get("smape") is not None]
+    errors = [proxy["smape"] for proxy in status.live.proxies.values() if proxy.get("smape") is not None]
     limit = "up to " if len(errors) > 1 else ""
     return f" (error {limit}{100 * max(errors):.1f} %)" if errors else ""
 
 
-def out_of_sight(status: dict[str, Any]) -> list[str]:
+def out_of_sight(status: ShotStatus) -> list[str]:
     """Sentence about lights that were moved to where few paths go; none while more paths come."""
-    if status["state"] in {"preparing", "baking"}:
+    if status.phase in TRACING:
         return []
-    names = status["rarely_met"]
+    names = status.live.rarely_met
     if not names:
         return []
     where = "it is" if len(names) == 1 else "they are"
@@ -68,71 +70,76 @@ FULL_DISK = ("No space left on device", "os error 112", "Disk quota exceeded")
 """Words in messages of operating systems about a full disk."""
 
 
-def error(status: dict[str, Any]) -> str:
+def error(status: ShotStatus) -> str:
     """Error in words for the artist; empty if there is none."""
-    text = status["error"] or ""
+    text = status.error or ""
     if any(words in text for words in FULL_DISK):
         return "The disk is full: free some space, or choose another bake folder, and start again"
     return text
 
 
-def headline(status: dict[str, Any]) -> str:
+def has_failed(status: ShotStatus) -> bool:
+    """True if the headline is an error."""
+    return status.phase is ShotPhase.FAILED or (status.phase is ShotPhase.UNREAD and bool(status.error))
+
+
+def headline(status: ShotStatus) -> str:
     """Summary of the present state in one line."""
-    match status["state"]:
-        case "empty":
-            return "Nothing is baked yet"
-        case "preparing":
+    match status.phase:
+        case ShotPhase.READING | ShotPhase.PREPARING:
             return "Reading the scene"
-        case "baking":
-            return f"{_doing(status, 'trace')}, {status['samples']} of {status['samples_total']} samples"
-        case "training":
+        case ShotPhase.BAKING:
+            return f"{_doing(status, 'trace')}, {status.live.samples} of {status.samples_total} samples"
+        case ShotPhase.TRAINING:
             return _doing(status, "train")
-        case "cancelled":
+        case ShotPhase.CANCELLED | ShotPhase.INTERRUPTED:
             return _stopped(status)
-        case "failed":
+        case ShotPhase.UNREAD:
+            return error(status) or _stopped(status)
+        case ShotPhase.FAILED:
             return error(status) or "Relume failed without saying why"
-    return _stopped(status) if is_unfinished(status) else f"Ready, {status['samples']} samples"
+    return _stopped(status) if is_unfinished(status) else f"Ready, {status.live.samples} samples"
 
 
-def is_unfinished(status: dict[str, Any]) -> bool:
+def is_unfinished(status: ShotStatus) -> bool:
     """True if something is left to bake or learn and nobody does it: it was stopped, now or before the file was
     opened."""
-    return status["state"] in {"cancelled", "ready"} and (status["is_incomplete"] or lacks_samples(status))
+    return status.phase in {ShotPhase.CANCELLED, ShotPhase.READY} and (status.is_incomplete or lacks_samples(status))
 
 
-def lacks_samples(status: dict[str, Any]) -> bool:
+def lacks_samples(status: ShotStatus) -> bool:
     """True if there are fewer samples than were asked for."""
-    return status["samples"] < status["samples_total"]
+    return status.live.samples < status.samples_total
 
 
-def _stopped(status: dict[str, Any]) -> str:
-    if status["is_incomplete"] and not lacks_samples(status):
-        return f"Stopped while learning the lights; {status['samples']} samples are kept"
-    if not status["samples"]:
+def _stopped(status: ShotStatus) -> str:
+    if status.is_incomplete and not lacks_samples(status):
+        return f"Stopped while learning the lights; {status.live.samples} samples are kept"
+    if not status.live.samples:
         return "Stopped"
-    kept = f"Stopped at {status['samples']} of {status['samples_total']} samples; they are kept"
-    if status["is_under_another_world"]:  # Paths of two worlds do not go into one bake.
+    kept = f"Stopped at {status.live.samples} of {status.samples_total} samples; they are kept"
+    if status.is_under_another_world:  # Paths of two worlds do not go into one bake.
         return f"{kept}, but Resume traces them anew, as the world has changed since. What was learned stays"
     return kept
 
 
-def _doing(status: dict[str, Any], otherwise: str) -> str:
-    stage = (status["stage"] or {}).get("stage", otherwise)
-    return f"{'Paused: ' if status['paused'] else ''}{STAGES.get(stage, stage.capitalize())}"
+def _doing(status: ShotStatus, otherwise: str) -> str:
+    stage = (status.stage or {}).get("stage", otherwise)
+    return f"{'Paused: ' if status.live.paused else ''}{STAGES.get(stage, stage.capitalize())}"
 
 
-def progress(status: dict[str, Any]) -> tuple[float, str] | None:
+def progress(status: ShotStatus) -> tuple[float, str] | None:
     """Share that is done and a text, of the present stage; None if nothing runs."""
-    stage = status["stage"]
-    if stage is None or status["state"] not in {"preparing", "baking", "training"}:
+    stage = status.stage
+    if stage is None or status.phase not in WORKING:
         return None
     return share_and_words(stage)
 
 
-def to_come(status: dict[str, Any]) -> str:
+def to_come(status: ShotStatus) -> str:
     """Remaining time of the whole bake in words, where more stages follow the present one; empty if unknown."""
-    remaining = status["remaining"]
-    if remaining is None or status["state"] not in {"baking", "training"}:
+    remaining = status.remaining
+    if remaining is None or status.phase not in {ShotPhase.BAKING, ShotPhase.TRAINING}:
         return ""
     about = "About" if remaining.is_complete else "At least"
     return f"{about} {clock(remaining.seconds)} until all is {'traced and ' if remaining.traces else ''}learned"

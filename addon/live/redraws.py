@@ -63,8 +63,8 @@ def _words(shot: Shot) -> tuple[tuple, tuple]:
     state, progress, to_come = shot.status, status.progress(shot.status), status.to_come(shot.status)
     words = status.headline(state), to_come, status.shown(state)
     urgent = (
-        *(state["state"], state["paused"], state["error"], progress is None, to_come == "", len(shot.notes)),
-        *((state["shown"] or {}).get("scale"), *shot.changes.sentences),
+        *(state.phase, state.live.paused, state.error, progress is None, to_come == "", len(shot.notes)),
+        *((state.live.shown or {}).get("scale"), *shot.changes.sentences),
         *(len(lines(text, characters(bar))) for bar in views.regions("UI") for text in words),
     )
     return urgent, (*words, progress)

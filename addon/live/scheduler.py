@@ -12,6 +12,7 @@ from typing import Any
 
 import bpy
 
+from ..core.phase import ShotPhase
 from ..engine.reading.scene_lights import Description
 from ..engine.shot import shot as shots
 from ..engine.shot.checks import folders_in_use
@@ -162,8 +163,8 @@ class Scheduler:
 
     def _poll(self, scene: bpy.types.Scene, shot: shots.Shot) -> bool:
         """Polls a shot; returns True if more is to be expected of it."""
-        if shot.was_interrupted:  # Such as by undo. The bake before is whole still.
-            shot.was_interrupted = False
+        if shot.phase is ShotPhase.INTERRUPTED:  # Such as by undo. The bake before is whole still.
+            shot.give_up_reading()
             if opening.open_stored(scene):
                 self.read_lights(scene)
             return True

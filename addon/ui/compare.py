@@ -45,7 +45,7 @@ class Comparison:
         self._ask()
 
     def _ask(self) -> None:
-        self.number = self.shot.ask(self.requests[len(self.frames)])
+        self.number = self.shot.ask(shots.kept_request(self.requests[len(self.frames)]))
         scheduler.wake()
 
     def step(self) -> bool:

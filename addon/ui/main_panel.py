@@ -84,8 +84,8 @@ class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
         row = layout.row()
         row.enabled = not shot.is_working
         row.operator("relume.rebake", icon="FILE_REFRESH")
-        if shot.status["device"]:
-            layout.label(text=f"On {shot.status['device']}")
+        if shot.status.live.device:
+            layout.label(text=f"On {shot.status.live.device}")
 
 
 _disk = PolledCache(DISK_SECONDS)
@@ -130,16 +130,16 @@ def _draw_choices(layout, scene) -> None:
 
 def _draw_shot(layout, scene, shot: shots.Shot) -> None:
     state = shot.status
-    message(layout, status.headline(state), "ERROR" if state["state"] == "failed" else "NONE")
-    if state["error"] and state["state"] != "failed":
+    message(layout, status.headline(state), "ERROR" if status.has_failed(state) else "NONE")
+    if state.error and not status.has_failed(state):
         message(layout, status.error(state), "ERROR")
     progress = status.progress(state)
     if progress is not None:
         layout.progress(factor=progress[0], text=progress[1])
     if shot.is_working:
         row = layout.row(align=True)
-        paused = state["paused"]
-        if not shot.is_exporting:
+        paused = state.live.paused
+        if not shot.is_reading:
             row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
         row.operator("relume.cancel", icon="X")
     elif status.is_unfinished(state):

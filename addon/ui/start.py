@@ -7,6 +7,7 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..core.bake_folder import is_bake
+from ..core.status import has_failed
 from ..engine.native import NativeModuleError
 from ..engine.shot import shot
 from ..engine.shot.checks import ProblemError, check_start
@@ -22,9 +23,9 @@ def start(scene: bpy.types.Scene, anew: bool = False, options: Options | None = 
     ProblemError with one line for the artist."""
     check_start(scene, options.folder if options else None)
     found = shot.Shot.start(scene, anew, options)
-    if found.status["state"] == "failed":  # As without a window, where the scene is read at once.
+    if has_failed(found.status):  # Without a window the scene is read at once.
         found.close()
-        raise ProblemError(found.status["error"])
+        raise ProblemError(found.status.error)
     scheduler.read_lights(scene)
     scheduler.wake()
     return found
@@ -65,7 +66,7 @@ def toggle_pause(scene: bpy.types.Scene) -> None:
     """Lets the tracing and learning of an open shot stand still, or go on."""
     found = shot.of(scene)
     if found is not None:
-        found.pause(not found.status["paused"])
+        found.pause(not found.status.live.paused)
         scheduler.wake()
 
 

@@ -25,7 +25,7 @@ _last_views: WeakKeyDictionary[Shot, tuple[str, float]] = WeakKeyDictionary()
 
 def is_done(shot: Shot, scene: bpy.types.Scene) -> bool:
     """True if nothing is left to do for `work`."""
-    has_bake = shot.is_stored and shot.status["samples"] > 0
+    has_bake = shot.is_stored and shot.status.live.samples > 0
     return not has_bake or _done.get(shot) == view_key(scene)
 
 

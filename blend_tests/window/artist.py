@@ -69,17 +69,17 @@ class Artist:
     @property
     def state(self):
         """What the shot is at, in a word."""
-        return self.shot and self.shot.status["state"]
+        return self.shot and self.shot.status.phase
 
     @property
     def stage(self):
         """What is being worked on, in a word; None if nothing is."""
-        stage = self.shot and self.shot.status["stage"]
+        stage = self.shot and self.shot.status.stage
         return stage and stage["stage"]
 
     def proxies(self):
         """What the shot says of each proxy: how good it is."""
-        return self.shot.status["proxies"]
+        return self.shot.status.live.proxies
 
     def row(self, name):
         """A row of the mix."""

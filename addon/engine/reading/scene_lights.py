@@ -4,11 +4,11 @@ in turns, so that the window goes on."""
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import compress
 from typing import Any, NamedTuple
 
@@ -28,12 +28,12 @@ Key = tuple[int, ...]
 
 
 class Description(dict):
-    """The JSON form of a light, with its text, which all requests share until the light changes. It is made when the
-    light is read, in turns, and not of many lights at once when their picture is asked for."""
+    """JSON form of a light, and its handle, which all requests share until the light changes."""
 
-    def __init__(self, fields: dict[str, Any]):
-        super().__init__(fields)
-        self.text = json.dumps(self)
+    @cached_property
+    def handle(self) -> Any:
+        """The `relume.Light`. Raises ValueError that names the light."""
+        return native().Light(self)
 
 
 @dataclass

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ...core import bake_goal
 from ...core.eta import EtaEstimator
+from ...core.phase import ShotPhase
+from ...core.shot_status import ShotStatus
 from .options import Options
 
 
@@ -37,27 +39,28 @@ class RemainingWork:
         self.goal = bake_goal.BakeGoal(samples, self._options.train_seconds)
         self.goal.write(self.folder)
 
-    def note(self, status: dict[str, Any]) -> None:
-        """Takes a new status, and adds to it what remains and how long that will take."""
-        if self._has_begun and status["state"] == "ready":
+    def note(self, status: ShotStatus) -> ShotStatus:
+        """Takes a new status; returns it with what remains and how long that will take."""
+        if self._has_begun and status.phase is ShotPhase.READY:
             bake_goal.forget(self.folder)
             self.goal = None
-        status["is_incomplete"] = self.goal is not None
-        if self.goal is not None:
-            status["samples_total"] = max(status["samples_total"], self.goal.samples)
+        goal_samples = self.goal.samples if self.goal is not None else 0
+        total = max(status.samples_total, goal_samples)
+        status = replace(status, samples_total=total, is_incomplete=self.goal is not None)
         self._eta.note(status)
-        status["remaining"] = self._eta.remaining(status)
-        if status["stage"] is not None:  # Before it has compared, the native module counts the time limit alone.
-            status["stage"]["remaining_s"] = self._eta.stage_remaining(status)
+        stage = status.stage
+        if stage is not None:  # Before it has compared, the native module counts the time limit alone.
+            stage = stage | {"remaining_s": self._eta.stage_remaining(status)}
+        return replace(status, stage=stage, remaining=self._eta.remaining(status))
 
-    def lacks_a_kind(self, status: dict[str, Any]) -> bool:
+    def lacks_a_kind(self, status: ShotStatus) -> bool:
         """True if a kind of light came into use after the goal was met, and could be learned as well."""
-        is_done = self._has_begun and status["state"] == "ready" and self.goal is None
+        is_done = self._has_begun and status.phase is ShotPhase.READY and self.goal is None
         may_learn = is_done and self._options.train_seconds > 0.0
-        return may_learn and not self._learned_later.issuperset(status["unlearned"])
+        return may_learn and not self._learned_later.issuperset(status.live.unlearned)
 
-    def note_kinds(self, status: dict[str, Any]) -> float:
+    def note_kinds(self, status: ShotStatus) -> float:
         """Sets the goal to learn the kinds of light that the bake lacks; returns the seconds for each."""
-        self._learned_later |= set(status["unlearned"])
-        self._write(status["samples_total"])
+        self._learned_later |= set(status.live.unlearned)
+        self._write(status.samples_total)
         return self._options.train_seconds

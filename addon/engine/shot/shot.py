@@ -12,6 +12,8 @@ from typing import Any
 import bpy
 
 from ...core.bake_folder import camera_of, world_map_of
+from ...core.phase import BEFORE_BAKE, TRACING, WORKING, ShotPhase, next_phase
+from ...core.shot_status import ShotStatus
 from ...core.status import is_unfinished, lacks_samples
 from ...core.words import Kind, by_kind, grouped
 from ...export import ExportOptions, trace_settings
@@ -30,31 +32,7 @@ from .options import Options, options_of, remember_bake, remembered_bake
 from .passes import Passes, Whole
 from .remaining_work import RemainingWork
 
-EMPTY: dict[str, Any] = {
-    "state": "empty",
-    "paused": False,
-    "stage": None,
-    "samples": 0,
-    "samples_total": 0,
-    "world_color": None,
-    "world_map": None,
-    "world_is_stored": True,
-    "proxies": {},
-    "unlearned": [],
-    "to_learn": [],
-    "device": "",
-    "warnings": [],
-    "rarely_met": [],
-    "error": None,
-    "shown": None,
-    "remaining": None,
-    "is_incomplete": False,
-    "is_under_another_world": False,
-}
-"""Status as the native module reports it, with the last three keys added by `RemainingWork` and this module."""
 LIVELY_SECONDS = 2.0
-TRACING = {"preparing", "baking"}
-WORKING = TRACING | {"training"}
 
 _shots: dict[int, Shot] = {}
 
@@ -69,7 +47,7 @@ class Shot:
         self.camera = kept.camera if kept else scene.camera.name if scene.camera else ""
         """Name of the camera that the bake is of, as it is called now."""
         self._camera_uid = scene.camera.session_uid if scene.camera and not kept else None
-        self.status = EMPTY | {"state": "preparing"}
+        self.status = ShotStatus(native().LiveStatus(), ShotPhase.READING)
         self.frame: Any = None
         """The newest picture."""
         self.frame_before: Any = None
@@ -80,7 +58,6 @@ class Shot:
         self.changes.maps |= kept.maps if kept else {}
         self.is_recorded = kept is not None
         self._remaining = RemainingWork(options)
-        self.is_exporting = self._has_ended = False
         self._task: RenderTask | None = None
         self._world = WorldFollower(self.changes)
         self._read_world = ""
@@ -88,8 +65,6 @@ class Shot:
         self._content: dict[str, Any] = {}
         """Content of the newest request; empty if that is not the present lights and rows."""
         self._is_interactive = self._anew = False
-        self.was_interrupted = False
-        """True if reading the scene was stopped, until that is noticed."""
         self.refusal = ""
         """Why the newest request has no picture."""
         self._request_number = self._whole_number = 0
@@ -97,7 +72,8 @@ class Shot:
         self.serial = 0
         """Serial of the newest frame, of the whole picture or of a pass."""
         self._passes = Passes(self._ask_content)
-        self._status_text = ""
+        self._live_status: Any = None
+        """Newest status of the native module."""
         self._news = time.monotonic()
         self._live = native().Live(
             str(options.folder), device=options.device, gpu_memory=options.gpu_memory, threads=options.threads
@@ -122,6 +98,7 @@ class Shot:
         folder = remembered_bake(scene) or options.folder
         shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         shot.is_recorded = True
+        shot._enter(ShotPhase.PREPARING)
         shot._remaining.read()
         if shot.changes.is_recording:
             shot._camera_uid = None
@@ -146,14 +123,13 @@ class Shot:
 
     def _export(self, scene: bpy.types.Scene) -> None:
         """Reads the scene, in a window on another thread, then bakes it."""
-        self.is_exporting = True
         if bpy.app.background:
             self._load(scene)
 
     def begin_reading(self, scene: bpy.types.Scene) -> bool:
         """Begins to read the scene in a window, if that was asked for; returns True if it did. Blender's operator that
         begins a render takes its time, and should have a tick to itself."""
-        if not self.is_exporting or self._task is not None:
+        if not self.is_reading or self._task is not None:
             return False
         self._load(scene)
         return True
@@ -170,7 +146,7 @@ class Shot:
         )
 
     def _exported(self, exported: Any, error: BaseException | None, settings: dict[str, Any]) -> None:
-        self.is_exporting, self._task = False, None
+        self._task = None
         if not self.is_open:
             return
         try:
@@ -178,10 +154,9 @@ class Shot:
                 raise error
             self._bake(exported, settings)
         except ExportCancelled:
-            self.was_interrupted = True
-            self._end({"state": "cancelled"})
+            self._enter(ShotPhase.INTERRUPTED)
         except Exception as problem:
-            self._end({"state": "failed", "error": str(problem) or repr(problem)})
+            self._enter(ShotPhase.UNREAD, str(problem) or repr(problem))
 
     def _bake(self, exported: Any, settings: dict[str, Any]) -> None:
         self.warnings += exported.warnings
@@ -192,6 +167,7 @@ class Shot:
             remember_bake(scene, self.folder)
         self._remaining.note_bake()
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
+        self._enter(ShotPhase.PREPARING)
 
     def _note_world_of(self, exported: Any) -> None:
         """Notes the world that was read under the shape of its fingerprint, if that did not change meanwhile."""
@@ -199,10 +175,13 @@ class Shot:
         if scene is not None and fingerprints.world(scene)["shape"] == self._read_world:
             self.changes.maps[exported.world_map] = self._read_world
 
-    def _end(self, status: dict[str, Any]) -> None:
-        """Ends the shot where there was no bake, and the native module has nothing to say."""
-        self.status |= status
-        self._has_ended = True
+    def _enter(self, phase: ShotPhase, error: str | None = None) -> None:
+        error = error or self.status.error
+        self.status = dataclasses.replace(self.status, phase=next_phase(self.phase, phase), error=error)
+
+    def give_up_reading(self) -> None:
+        """Ends the interruption of reading, once it was noticed."""
+        self._enter(ShotPhase.UNREAD)
 
     def _find_camera(self, scene: bpy.types.Scene, baked: str) -> None:
         """Finds the camera of a bake that was opened: it may have been renamed since, in a file that was not saved."""
@@ -229,6 +208,16 @@ class Shot:
         return uid is not None and any(obj.session_uid == uid for obj in bpy.data.objects)
 
     @property
+    def phase(self) -> ShotPhase:
+        """Present phase."""
+        return self.status.phase
+
+    @property
+    def is_reading(self) -> bool:
+        """True while the scene is read, or soon will be."""
+        return self.phase is ShotPhase.READING
+
+    @property
     def is_open(self) -> bool:
         """True until the shot is closed."""
         return _shots.get(self.scene_uid) is self
@@ -236,17 +225,17 @@ class Shot:
     @property
     def is_stored(self) -> bool:
         """True if the folder holds something of this shot, or soon will."""
-        return not (self.is_exporting or self._has_ended)
+        return self.phase not in BEFORE_BAKE
 
     @property
     def is_working(self) -> bool:
         """True while something is being baked or trained."""
-        return self.status["state"] in WORKING
+        return self.phase in WORKING
 
     @property
     def is_tracing(self) -> bool:
         """True while paths are being traced, or the scene is read for that."""
-        return self.status["state"] in TRACING
+        return self.phase in TRACING
 
     @property
     def picture(self) -> Any:
@@ -279,15 +268,17 @@ class Shot:
     def can_show(self) -> bool:
         """True if requests have pictures, now or as soon as there are paths. After a failure, what was baked before it
         is shown."""
-        there = self.status["samples"] or self.status["proxies"] or self.status["shown"]
-        return not self._has_ended and (self.status["state"] != "failed" or bool(there))
+        live = self.status.live
+        has_failed = self.phase in {ShotPhase.INTERRUPTED, ShotPhase.UNREAD, ShotPhase.CLOSED}
+        is_empty = not (live.samples or live.proxies or live.shown)
+        return not (has_failed or (self.phase is ShotPhase.FAILED and is_empty))
 
     @property
     def is_busy(self) -> bool:
         """True if a newer status or picture is to be expected."""
-        if self.status["state"] == "empty" or not self.can_show:
+        if not self.can_show:
             return False
-        shown = self.status["shown"] or {}
+        shown = self.status.live.shown or {}
         waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
         return self.is_working or waits or self._world.is_reading or self.lights.is_waiting
 
@@ -309,12 +300,12 @@ class Shot:
 
     def _all_warnings(self) -> tuple[str, ...]:
         refusal = [self.refusal] * bool(self.refusal)
-        return (*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"])
+        return (*refusal, *self.lights.warnings, *self.warnings, *self.status.live.warnings)
 
     def follow_world(self, scene: bpy.types.Scene) -> Any:
         """Makes the present world ready to be shown where another one is, a turn at a time; gives it to `relight` once
         it is."""
-        task = None if self.is_exporting else self._world.follow(scene)
+        task = None if self.is_reading else self._world.follow(scene)
         if task is None:
             return None
         self.warnings += task.world.warnings
@@ -331,7 +322,7 @@ class Shot:
         if same and (interactive or not self._is_interactive):
             return False
         try:
-            self.ask(request_text(content, interactive), world)
+            self.ask(_request(content, interactive), world)
         except ValueError as error:
             self.refusal = str(error)
             return False
@@ -339,8 +330,8 @@ class Shot:
         self._content, self._is_interactive = content, interactive
         return True
 
-    def ask(self, request: str, world: Any = None) -> int:
-        """Asks for the picture of any request, such as one that was kept; its number."""
+    def ask(self, request: Any, world: Any = None) -> int:
+        """Asks for the picture of a `relume.Request`, such as one that was kept; returns its number."""
         self._content = {}
         self._news = time.monotonic()
         live = self._live
@@ -354,28 +345,31 @@ class Shot:
         frame, status, whole = self.present_frame, self.status, None
         if frame is not None and self.can_show and not self.is_tracing:
             asked = self._content, self._is_interactive, self._whole_number
-            whole = Whole(frame, *asked, status["samples"], status["proxies"])
+            whole = Whole(frame, *asked, status.live.samples, status.live.proxies)
         self._passes.follow(names, whole)
 
     def _ask_content(self, content: dict[str, Any], interactive: bool) -> int:
-        self._request_number = self._live.relight(request_text(content, interactive))
+        self._request_number = self._live.relight(_request(content, interactive))
         return self._request_number
 
     def poll(self) -> bool:
         """Takes the newest picture and status; returns True if there was anything new."""
-        if self.is_exporting or self._has_ended:
+        if self.phase in BEFORE_BAKE:
             return False
-        text = self._live.status()
+        live = self._live.status()
         frame = self._live.frame(self.serial)
         self.keep_record()
-        if text == self._status_text and frame is None:
+        if live == self._live_status and frame is None:
             return False
         self._news = time.monotonic()
-        self._status_text = text
-        self.status = json.loads(text) | (self._of_whole() if self._passes.turns.is_away else {})
-        self._remaining.note(self.status)
-        self.status["is_under_another_world"] = self._is_under_another_world()
-        self.changes.note_world(self.status["world_map"], self.status["world_color"])
+        self._live_status = live
+        if self._passes.turns.is_away:  # Until then the native module reports a pass.
+            live = live.with_picture_of(self.status.live)
+        phase = next_phase(self.phase, ShotPhase(live.state))
+        status = self._remaining.note(ShotStatus(live, phase, live.error, live.samples_total, live.stage))
+        is_under_another_world = self._is_under_another_world(status)
+        self.status = dataclasses.replace(status, is_under_another_world=is_under_another_world)
+        self.changes.note_world(self.status.live.world_map, self.status.live.world_color)
         if frame:
             self._take(frame)
         return True
@@ -386,30 +380,24 @@ class Shot:
         if not turns.take(frame):
             self.frame, self.frame_before = frame, None
         if was_away and not turns.is_away:
-            self._status_text = ""  # What it says of the picture was left out.
+            self._live_status = None  # Its description of the picture was left out.
 
-    def _of_whole(self) -> dict[str, Any]:
-        """Status of the whole picture, kept while the native module reports that of a pass."""
-        return {name: self.status[name] for name in ("shown", "rarely_met", "warnings")}
-
-    def _is_under_another_world(self) -> bool:
-        """True if paths are missing that cannot be added, because those in the folder are of another world than is
-        shown."""
-        if not (is_unfinished(self.status) and lacks_samples(self.status)):
+    def _is_under_another_world(self, status: ShotStatus) -> bool:
+        if not (is_unfinished(status) and lacks_samples(status)):
             return False
-        return world_map_of(self.folder) not in {None, self.status["world_map"]}
+        return world_map_of(self.folder) not in {None, status.live.world_map}
 
     def resume_options(self, scene: bpy.types.Scene) -> Options:
         """Options to go on with what was asked for of this bake, in its folder."""
         options = dataclasses.replace(
-            options_of(scene), folder=self.folder, samples=self.status["samples_total"] or self.options.samples
+            options_of(scene), folder=self.folder, samples=self.status.samples_total or self.options.samples
         )
         goal = self._remaining.goal
         return dataclasses.replace(options, train_seconds=goal.train_seconds) if goal else options
 
     def keep_record(self) -> None:
         """Writes what the bake is of, as soon as there is a bake and that is known."""
-        if self.is_recorded or self.changes.is_recording or not self.status["samples"]:
+        if self.is_recorded or self.changes.is_recording or not self.status.live.samples:
             return
         self.is_recorded = True
         try:
@@ -439,7 +427,7 @@ class Shot:
         """Ends baking and training; what is there stays, relighting goes on."""
         if self._task is not None:
             self._task.cancel()
-        elif self.is_exporting:
+        elif self.is_reading:
             self._exported(None, ExportCancelled("cancelled"), {})
         self._live.cancel()
 
@@ -447,6 +435,7 @@ class Shot:
         """Ends everything, without waiting unless told to. The folder stays whole."""
         if self.is_open:
             del _shots[self.scene_uid]
+        self._enter(ShotPhase.CLOSED)
         if self._task is not None:
             self._task.cancel()
         self._world.close()
@@ -454,11 +443,20 @@ class Shot:
         self.frame = self.frame_before = None
 
 
-def request_text(content: dict[str, Any], interactive: bool = False) -> str:
-    """The request of lights, as `SceneLights` describes them, under the gains of `core.rows.mix`."""
-    rest = {name: value for name, value in content.items() if name != "lights"}
-    lights = ", ".join(light.text for light in content["lights"])
-    return f'{{"lights": [{lights}], {json.dumps(rest | {"with": "auto", "interactive": interactive})[1:]}'
+def _request(content: dict[str, Any], interactive: bool) -> Any:
+    """Request for lights, as `SceneLights` describes them, under the gains of `core.rows.mix`."""
+    options = {name: value for name, value in content.items() if name != "lights"}
+    return native().Request([light.handle for light in content["lights"]], **options, interactive=interactive)
+
+
+def request_text(content: dict[str, Any]) -> str:
+    """JSON text of a request that is to be kept; `kept_request` reads it."""
+    return json.dumps(content | {"with": "auto", "interactive": False})
+
+
+def kept_request(text: str) -> Any:
+    """The `relume.Request` of a text. Raises ValueError."""
+    return native().Request.parse(text)
 
 
 def _view_layer(scene: bpy.types.Scene) -> str:

@@ -76,13 +76,13 @@ def bake(scene: bpy.types.Scene, shot: Shot, lights: list[dict[str, Any]], folde
     SolveError."""
     exported = yield from _export(scene)
     baked = json.loads((shot.folder / MANIFEST).read_text(encoding="utf-8"))["scene_hash"]
-    if (exported.hash, exported.world_map) != (baked, shot.status["world_map"]):
+    if (exported.hash, exported.world_map) != (baked, shot.status.live.world_map):
         return False
     settings = trace_settings(scene, lambda _warning: None)
-    samples = samples_towards(shot.status["samples"])
+    samples = samples_towards(shot.status.live.samples)
     settings |= {"samples": samples, "threads": shot.options.threads, "towards": lights}
     # The request's factors on the light of the world are relative to that of the shot's bake.
-    settings["world_color"] = shot.status["world_color"]
+    settings["world_color"] = shot.status.live.world_color
     job = native().bake(exported, folder, settings)
     try:
         while not job.done:

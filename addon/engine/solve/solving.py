@@ -261,19 +261,19 @@ class Solving:
     def _show_preview(self, preview: dict[str, Any]) -> None:
         """Shows the best lights and world so far."""
         request = core.picture_request(preview, self._content["static"])
-        self.shot.ask(json.dumps(request | {"interactive": True}))
+        self.shot.ask(shots.kept_request(json.dumps(request | {"interactive": True})))
         self._hooks.wake()
 
     def _picture(self, request: str) -> Generator[None, None, Any]:
         """Waits for the picture of the result and returns it; None where it does not come."""
-        number, end = self.shot.ask(request), time.monotonic() + PICTURE_SECONDS
+        number, end = self.shot.ask(shots.kept_request(request)), time.monotonic() + PICTURE_SECONDS
         self._hooks.wake()
         while time.monotonic() < end and self.shot.is_open and self.shot.can_show:
             frame = self.shot.frame
             if frame is not None and frame.request == number and is_final(frame):
                 return frame
             if frame is not None and frame.request > number:  # Something was edited meanwhile.
-                number = self.shot.ask(request)
+                number = self.shot.ask(shots.kept_request(request))
                 self._hooks.wake()
             yield
         return None
@@ -292,9 +292,9 @@ def ready_shot(scene: bpy.types.Scene) -> shots.Shot:
     shot = shots.of(scene)
     if shot is None:
         raise SolveError("Press Start first: lights are solved in the paths of a bake")
-    if not shot.status["samples"]:
+    if not shot.status.live.samples:
         raise SolveError("Wait for the first picture")
-    if shot.is_changing_world or not shot.status["world_is_stored"]:
+    if shot.is_changing_world or not shot.status.live.world_is_stored:
         raise SolveError("The world has changed: wait until its light is gathered from all paths")
     return shot
 

@@ -18,14 +18,14 @@ def play(driver):
     with driver.step("on the CPU"):
         yield from artist.start()
         yield from artist.until_settled()
-        driver.check("CPU" in artist.shot.status["device"], f"the CPU makes it: {artist.words()}")
+        driver.check("CPU" in artist.shot.status.live.device, f"the CPU makes it: {artist.words()}")
         before = artist.picture()
     with driver.step("on the card"):
         preferences.device = card
         yield from artist.rebake()
         yield from artist.until_settled()
         driver.photo("card")
-        driver.check(artist.shot.status["device"] == card, f"{card} makes it: {artist.words()}")
+        driver.check(artist.shot.status.live.device == card, f"{card} makes it: {artist.words()}")
         driver.check(same(artist.picture(), before), "the picture is that of the CPU")
     with driver.step("a light is dragged"):
         yield from artist.select("light_0")
@@ -36,4 +36,4 @@ def play(driver):
         yield from artist.undo()
         yield from artist.until_settled()
         driver.check(same(artist.picture(), before), "undo brings it back")
-        driver.check(not artist.shot.status["warnings"], f"the card did all of it: {artist.words()}")
+        driver.check(not artist.shot.status.live.warnings, f"the card did all of it: {artist.words()}")

@@ -20,7 +20,7 @@ def settled(driver, what):
     found = shot()
 
     def done():
-        shown = found.status["shown"]
+        shown = found.status.live.shown
         return not found.is_working and shown and shown["settled"] and not found.is_busy
 
     yield from driver.until(done, what, WORK_SECONDS)

@@ -62,13 +62,13 @@ def not_through_the_camera(driver, artist):
 def pause(driver, artist):
     """Tracing stands still, relighting does not."""
     yield from driver.press_button("relume.pause")
-    yield from driver.until(lambda: artist.shot.status["paused"], "the pause")
+    yield from driver.until(lambda: artist.shot.status.live.paused, "the pause")
     yield from stands_still(driver, artist)
-    samples = artist.shot.status["samples"]
+    samples = artist.shot.status.live.samples
     yield from artist.set_exposure("Key", 1.0)
     yield from driver.wait(1)
     driver.photo("paused")
-    driver.check(artist.shot.status["samples"] == samples, "nothing is traced while paused")
+    driver.check(artist.shot.status.live.samples == samples, "nothing is traced while paused")
     yield from driver.press_button("relume.pause")
     yield from grows(driver, artist)
 
@@ -79,8 +79,8 @@ def stands_still(driver, artist):
 
     def is_still():
         nonlocal samples, since
-        if artist.shot.status["samples"] != samples:
-            samples, since = artist.shot.status["samples"], time.perf_counter()
+        if artist.shot.status.live.samples != samples:
+            samples, since = artist.shot.status.live.samples, time.perf_counter()
         return time.perf_counter() > since + 3
 
     return driver.until(is_still, artist.words)
@@ -88,9 +88,9 @@ def stands_still(driver, artist):
 
 def grows(driver, artist):
     """The bake goes on: lights are learned between its passes too."""
-    samples = artist.shot.status["samples"]
+    samples = artist.shot.status.live.samples
     yield from driver.until(
-        lambda: artist.shot.status["samples"] > samples, lambda: f"more samples; {artist.words()}", 120
+        lambda: artist.shot.status.live.samples > samples, lambda: f"more samples; {artist.words()}", 120
     )
     driver.check(artist.state in {"baking", "training"}, f"at work: {artist.words()}")
 
@@ -165,7 +165,7 @@ def another_file(driver, artist):
     )
     yield from artist.until_settled()
     yield from driver.look_through_camera()
-    driver.check(0 < artist.shot.status["samples"] < SAMPLES, f"what was traced is there: {artist.words()}")
+    driver.check(0 < artist.shot.status.live.samples < SAMPLES, f"what was traced is there: {artist.words()}")
     before = artist.picture()
     yield from artist.set_exposure("Key", 1.0)
     yield from artist.set_exposure("Key", 0.0)
@@ -196,7 +196,7 @@ def full_disk(driver, artist):
     bpy.ops.relume.start()
     yield from driver.until(lambda: artist.state not in {"preparing", "baking"}, artist.words, 120)
     driver.photo("full-disk")
-    error = artist.shot.status["error"] or ""
+    error = artist.shot.status.error or ""
     driver.check("space" in error or "full" in error, f"the disk is full is said: {artist.words()}")
     # They may be traced before the first picture of them is made.
     yield from driver.until(lambda: artist.shot.frame, lambda: f"the samples that fitted; {artist.words()}", 60)

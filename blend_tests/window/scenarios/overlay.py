@@ -1,6 +1,5 @@
 """The picture in the camera's frame is, on the screen, what Blender itself shows of its EXR; exactly in its place."""
 
-import json
 from types import SimpleNamespace
 
 import bpy
@@ -28,7 +27,7 @@ class Picture:
         return lambda *_arguments, **_options: 0
 
     def status(self):
-        return json.dumps(addon("engine.shot.shot").EMPTY | {"state": "ready"})
+        return addon("engine.native").native().LiveStatus(state="ready")
 
     def frame(self, newer_than=0):
         return Picture.given if Picture.given and Picture.given.serial > newer_than else None

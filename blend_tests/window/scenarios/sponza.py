@@ -27,7 +27,7 @@ def play(driver):
         driver.check(missed(artist) == [f"Few paths meet '{LAMP}' where it is now"], f"it is said: {artist.words()}")
     with driver.step("rebake"):
         yield from driver.press_button("relume.rebake")
-        yield from driver.until(lambda: artist.shot.is_working or artist.shot.is_exporting, "a new bake")
+        yield from driver.until(lambda: artist.shot.is_working, "a new bake")
         yield from artist.until_settled()
         driver.photo("rebaked")
         driver.check(not missed(artist), f"paths look for the lamp in its new place: {artist.words()}")
