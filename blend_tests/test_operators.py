@@ -232,7 +232,7 @@ def without_shot(scene):
     shot.of(scene).close()
 
 
-def while_baking(_scene):
+def while_baking(scene):
     starting.start(scene)
     FakeLive.made[-1].tell(state="baking")
     scheduler.tick()
