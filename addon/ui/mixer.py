@@ -188,22 +188,24 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
     def draw_item(self, context, layout, data, row, _icon, _active_data, _active_property):
         """Called by Blender for the rows in sight only."""
         line = layout.row(align=True)
-        if row.depth and data.grouped:
-            line.separator(factor=INDENT * row.depth + (0.0 if row.kind == GROUP else FOLD))
-        if row.kind == GROUP:
-            icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
-            line.prop(row, "open", text="", icon=icon, emboss=False)
+        # Switches stand in columns: between indent and name they would hide which row is inside of which.
         if is_hidden(context.scene, row):
             line.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
         else:
             line.prop(row, "on", text="")
         _cell(line, 0.8).prop(row, "solo", text="S", toggle=True)
+        if row.depth and data.grouped:
+            line.separator(factor=INDENT * row.depth + (0.0 if row.kind == GROUP else FOLD))
+        if row.kind == GROUP:
+            icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
+            _cell(line, 0.8).prop(row, "open", text="", icon=icon, emboss=False)
         wide = context.region.width > WIDE * context.preferences.system.ui_scale
         line.label(text=row.name, icon=row.icon if wide else "NONE")
         # What is set in the details alone would otherwise not be seen.
         if row.multiplier != 1.0 or row.use_kelvin:
             line.label(text="", icon="DOT")
-        _cell(line, 1.9).prop(row, "exposure", text="")
+        # The edges of a number's field would take the place of its digits.
+        _cell(line, 2.0).prop(row, "exposure", text="", emboss=False)
         _cell(line, 0.6).prop(row, "color", text="")
         locks.draw_lock(line, context.scene, row)
 

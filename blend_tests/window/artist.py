@@ -184,8 +184,7 @@ class Artist:
 
     def row_button(self, name, what):
         """Path and place in the side bar's width of what a row of the list has: "on", "solo" or "exposure"."""
-        left = {"on": 0.1, "solo": 0.18}.get(what)
-        across = EXPOSURE_ACROSS if left is None else left + 0.05 * self.row(name).depth
+        across = {"on": 0.09, "solo": 0.165, "exposure": EXPOSURE_ACROSS}[what]
         return f"relume_mix.rows[{self.scene.relume_mix.rows.find(name)}].{what}", across
 
     def set_exposure(self, name, stops):
