@@ -17,6 +17,7 @@ from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from ..live import rows
 from ..live.scheduler import scheduler
+from ..viewport.side_bar import elided
 from .panel import RelumePanel
 from .rows import RelumeRow
 from .solve import locks
@@ -27,10 +28,16 @@ INDENT = 0.4
 """Indent of a row for each collection around it, in the spaces of Blender's layouts."""
 FOLD = 0.5
 """Indent for the triangle that a light does not have, which its collection has."""
-EDGES = 85
-"""Pixels of the sidebar beside the rows of a list that scrolls, at a scale of 1."""
-FIGURES = 77
-"""Pixels for exposure, colour and lock, at a scale of 1. A row alone would shrink the exposure below its digits."""
+SPACE = 6.2
+"""Pixels of a space of Blender's layouts, at a scale of 1 as all below."""
+MOST_LINES = 10
+"""Rows that the list shows without scrolling."""
+EDGES, SCROLL_BAR = 74, 19
+"""Pixels of the sidebar beside the rows of a list."""
+SWITCHES, TRIANGLE, DOT, ICON, MARGIN = 28, 14, 10, 20, 5
+"""Pixels of what is around a name: checkbox and S, and what not every row has."""
+FIGURES = 74
+"""Pixels of exposure, colour and lock. A row alone would shrink the exposure below its digits."""
 
 
 def apply_to_lights(scene: bpy.types.Scene) -> None:
@@ -189,27 +196,21 @@ class RELUME_OT_show_light(_OnLight, bpy.types.Operator):  # noqa: N801
 class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
     """Rows in the order of the collections; those of closed groups are left out."""
 
-    def draw_item(self, context, layout, data, row, _icon, _active_data, _active_property):
+    def draw_item(self, context, layout, _data, row, _icon, _active_data, _active_property):
         """Called by Blender for the rows in sight only."""
-        width = context.region.width / (context.preferences.system.ui_scale or 1.0)
-        split = layout.split(factor=max(1.0 - FIGURES / max(width - EDGES, FIGURES), 0.5), align=True)
+        mix, width = context.scene.relume_mix, context.region.width / (context.preferences.system.ui_scale or 1.0)
+        scrolls = len(mix.rows) > MOST_LINES
+        room = max(width - EDGES - SCROLL_BAR * scrolls, 2 * FIGURES) - FIGURES
+        split = layout.split(factor=room / (room + FIGURES), align=True)
         line = split.row(align=True)
         # Switches stand in columns: between indent and name they would hide which row is inside of which.
-        cell = _cell(line, 0.8)
+        cell = _cell(line, 0.75)
         if is_hidden(context.scene, row):
             cell.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
         else:
             cell.prop(row, "on", text="")
-        _cell(line, 0.7).prop(row, "solo", text="S", toggle=True)
-        if row.depth and data.grouped:
-            line.separator(factor=INDENT * row.depth + (0.0 if row.kind == GROUP else FOLD))
-        if row.kind == GROUP:
-            icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
-            _cell(line, 0.7).prop(row, "open", text="", icon=icon, emboss=False)
-        line.label(text=row.name, icon=row.icon if width > WIDE else "NONE")
-        # What is set in the details alone would otherwise not be seen.
-        if row.multiplier != 1.0 or row.use_kelvin:
-            _cell(line, 0.5).label(text="", icon="DOT")
+        _cell(line, 0.65).prop(row, "solo", text="S", toggle=True)
+        _draw_name(line, row, row.depth if mix.grouped else 0, room - SWITCHES - MARGIN, width > WIDE)
         line = split.row(align=True)
         # The edges of a number's field would take the place of its digits.
         line.prop(row, "exposure", text="", emboss=False)
@@ -243,6 +244,24 @@ def shown_rows(items, order: list[int], search: str = "", grouped: bool = True) 
     return shown
 
 
+def _draw_name(line, row: RelumeRow, depth: int, room: float, has_icon: bool) -> None:
+    """What is between the switches of a row and its exposure, in `room` pixels at a scale of 1."""
+    if depth:
+        indent = INDENT * depth + (0.0 if row.kind == GROUP else FOLD)
+        line.separator(factor=indent)
+        room -= SPACE * indent
+    if row.kind == GROUP:
+        icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
+        _cell(line, 0.7).prop(row, "open", text="", icon=icon, emboss=False)
+        room -= TRIANGLE
+    # What is set in the details alone would otherwise not be seen.
+    has_dot = row.multiplier != 1.0 or row.use_kelvin
+    name = elided(row.name, room - DOT * has_dot - ICON * has_icon)
+    line.label(text=name, icon=row.icon if has_icon else "NONE")
+    if has_dot:
+        _cell(line, 0.5).label(text="", icon="DOT")
+
+
 def _column(items, name: str) -> list:
     values = [0] * len(items)
     items.foreach_get(name, values)
@@ -268,7 +287,7 @@ class RELUME_PT_mixer(RelumePanel, bpy.types.Panel):  # noqa: N801
         line = layout.row(align=True)
         line.prop(mix, "search", text="", icon="VIEWZOOM")
         line.prop(mix, "grouped", text="", icon="OUTLINER_COLLECTION")
-        lines = max(3, min(len(mix.rows), 10))
+        lines = max(3, min(len(mix.rows), MOST_LINES))
         layout.template_list("RELUME_UL_rows", "", mix, "rows", mix, "active", rows=lines)
         row = rows.active_row(context.scene)
         if row is not None:

@@ -163,14 +163,17 @@ class Artist:
         yield from self.driver.move_mouse(x, y)
         yield from self.driver.press("G")
         first, requests, drawn = self.serial_drawn, {}, {}
-        shot, ask = self.shot, self.shot.ask
+        shot, relight = self.shot, self.shot.relight
+        text = addon("engine.shot.shot").request_text
 
-        def noted(request, world=None):
-            number = ask(request, world)
-            requests[number] = json.loads(request)
-            return number
+        def noted(lights, mix, interactive, world=None):
+            is_new = relight(lights, mix, interactive, world)
+            if is_new:
+                content = json.loads(text({"lights": lights, **mix}))
+                requests[shot._request_number] = content | {"interactive": interactive}
+            return is_new
 
-        shot.ask = noted
+        shot.relight = noted
         for i in range(1, 21):
             yield from self.driver.move_mouse(x + pixels * i / 20, y)
             for _ in self.driver.wait(0.1):
@@ -179,7 +182,7 @@ class Artist:
                     drawn[frame.serial] = frame
                 yield
         yield from self.driver.press("LEFTMOUSE" if confirm else "ESC")
-        del shot.ask
+        del shot.relight
         return [(frame, requests[frame.request]) for frame in drawn.values() if frame.request in requests]
 
     def row_button(self, name, what):

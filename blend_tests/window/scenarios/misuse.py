@@ -194,7 +194,7 @@ def full_disk(driver, artist):
     # write all of the second while another, which Linux lets wait, is at its first part of the first.
     bpy.context.preferences.addons[ADDON].preferences.threads = 1
     bpy.ops.relume.start()
-    yield from driver.until(lambda: artist.state not in {"preparing", "baking"}, artist.words, 120)
+    yield from driver.until(lambda: artist.state not in {"reading", "preparing", "baking"}, artist.words, 120)
     driver.photo("full-disk")
     error = artist.shot.status.error or ""
     driver.check("space" in error or "full" in error, f"the disk is full is said: {artist.words()}")
