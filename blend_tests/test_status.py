@@ -8,6 +8,7 @@ from addon.core.eta import Eta, EtaEstimator
 from addon.core.phase import ShotPhase
 from addon.core.shot_status import ShotStatus
 from addon.ui.panel import lines
+from addon.viewport.side_bar import elided
 
 OWN = {"error", "samples_total", "stage", "remaining", "is_incomplete", "is_under_another_world"}
 
@@ -209,6 +210,14 @@ def test_long_messages_are_broken_between_words():
     assert lines("long/path/of/a/file", 10) == ["long/path/", "of/a/file"]
     assert lines("", 5) == [""]
     assert lines("changed by 0.8 %, reached", 14) == ["changed by", "0.8 %, reached"]
+
+
+def test_long_names_keep_their_ends():
+    assert elided("Ceiling Spot 02", 1000.0) == "Ceiling Spot 02"
+    short = elided("Ceiling Spot 02", 75.0)
+    assert short.startswith("Ceil") and short.endswith("02") and "…" in short
+    assert elided("Ceiling Spot 02", 1.0) == "Ceiling Spot 02", "nothing fits"
+    assert elided("", 10.0) == ""
 
 
 KINDS = [
