@@ -209,7 +209,7 @@ def _draw_look(layout, scene, look) -> None:
         _draw_restore(line)
     column = layout.column(align=True)
     column.enabled = shot.of(scene) is not None
-    column.prop_search(scene.relume_looks, "other", scene.relume_looks, "items", text="With")
+    column.prop_search(scene.relume_looks, "other", scene.relume_looks, "items", text="With", icon="IMAGE_DATA")
     line = column.row(align=True)
     line.operator("relume.compare_looks", text=f"Compare with {scene.relume_looks.other or 'Now'}")
     if pairs.pair_of(scene) is not None:

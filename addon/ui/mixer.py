@@ -28,15 +28,15 @@ INDENT = 0.4
 """Indent of a row for each collection around it, in the spaces of Blender's layouts."""
 FOLD = 0.5
 """Indent for the triangle that a light does not have, which its collection has."""
-SPACE = 6.2
+SPACE = 6.0
 """Pixels of a space of Blender's layouts, at a scale of 1 as all below."""
 MOST_LINES = 10
 """Rows that the list shows without scrolling."""
-EDGES, SCROLL_BAR = 74, 19
+EDGES, SCROLL_BAR = 71, 18
 """Pixels of the sidebar beside the rows of a list."""
-SWITCHES, TRIANGLE, DOT, ICON, MARGIN = 28, 14, 10, 20, 5
+SWITCHES, TRIANGLE, DOT, ICON, MARGIN = 28, 14, 10, 20, 4
 """Pixels of what is around a name: checkbox and S, and what not every row has."""
-FIGURES = 74
+FIGURES = 72
 """Pixels of exposure, colour and lock. A row alone would shrink the exposure below its digits."""
 
 
