@@ -186,14 +186,14 @@ def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
             obj.data.type == "AREA" and obj.data.spread < NARROW_SPREAD,
             "few paths find a spread below 15 degrees; its light is grainy, and missing near 0 degrees",
         ),
-        (not obj.data.use_shadow, "a light without shadow is not representable; it casts shadows"),
+        (not obj.data.use_shadow, "a light without shadow is not supported; it casts shadows"),
         (
             obj.light_linking.blocker_collection is not None,
-            "shadow linking is not representable; every object blocks it",
+            "shadow linking is not supported; every object blocks it",
         ),
         (
             cycles is not None and cycles.max_bounces < ALL_BOUNCES,
-            "a limit of its own to bounces is not representable; it has the scene's",
+            "a limit of its own to bounces is not supported; it has the scene's",
         ),
         (
             cycles is not None and not cycles.use_multiple_importance_sampling,

@@ -243,7 +243,7 @@ class _SceneExporter:
         if linking.receiver_collection is not None:
             warn(f"object '{name}': light linking of meshes is not supported; it shines on everything")
         if linking.blocker_collection is not None:
-            warn(f"object '{name}': shadow linking is not representable; every object blocks its light")
+            warn(f"object '{name}': shadow linking is not supported; every object blocks its light")
 
     def _warn_about_attributes(self, obj: bpy.types.Object, mesh: int, materials: list[int]) -> None:
         for attributes in (self.materials.attributes[number] for number in materials):
