@@ -127,7 +127,7 @@ def play(driver):
         yield from press(driver, relume.start)
         yield from driver.until(lambda: shot() and shot().frame, "the first picture", 60)
         yield from driver.until(lambda: addon("viewport.view_table").of(scene), "colours of the view", 60)
-        yield from driver.wait(0.5)  # Panels slide to their places.
+        yield from driver.wait(1.5)  # Panels slide to their places.
         yield from driver.drawn()
         driver.photo("first-picture")
         yield from settled(driver, "the end of the bake")
