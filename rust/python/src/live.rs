@@ -102,7 +102,7 @@ impl PyLive {
 #[pyclass(name = "Frame", module = "relume", frozen)]
 pub struct PyFrame {
     frame: Arc<live::Frame>,
-    /// Copied when it is first asked for.
+    /// Pixels, copied on the first access.
     image: PyOnceLock<Py<PyArray3<f32>>>,
 }
 
