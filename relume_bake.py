@@ -124,7 +124,7 @@ def run(asked):
         bpy.ops.preferences.addon_enable(module="cycles")
     load_addon()
     from relume_addon.commands import main as run_command
-    from relume_addon.engine.process import end_with_owner
+    from relume_addon.engine.workers.process import end_with_owner
 
     end_with_owner()
     with native_module():

@@ -10,7 +10,6 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +18,12 @@ import bpy
 from .core import command_line
 from .core.bake_folder import OTHER_WORLD, camera_of, clear, clear_paths, is_bake, size_of
 from .core.progress import Pace, Reporter, clock
-from .engine import baked_state, helper, mesh_worker, pictures, record, view_worker, world_render, worlds
 from .engine.native import native
-from .engine.scene import load_scene
+from .engine.reading.scene import load_scene
+from .engine.shot import baked_state, record
+from .engine.workers import pictures, view_worker
+from .engine.world import world_render, worlds
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
-from .viewport import driver_cache
 
 STOPPED = 130
 """Exit code of a run that was asked to stop: 128 + SIGINT, as shells report it."""
@@ -211,7 +211,7 @@ def _scene_of_bake(options: argparse.Namespace, rest: list[str], reporter: Repor
 
 def verify(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Renders the open scene with Cycles and compares it with a picture."""
-    from .engine import cycles_reference
+    from .engine.cycles import reference as cycles_reference
 
     pace = Pace()
 
@@ -232,13 +232,10 @@ def read_picture(options: argparse.Namespace, _rest: list[str], reporter: Report
     return 0
 
 
-def help_window(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
-    """Does short work for the window of another Blender as it is asked for."""
-    works: dict[str, helper.Work] = {
-        mesh_worker.KIND: mesh_worker.work,
-        view_worker.KIND: partial(view_worker.work, driver_cache.precompile),
-    }
-    helper.serve(Path(options.folder), lambda told: reporter.result(told, ""), works)
+def color_view(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Makes the table of a view, or the file of one."""
+    view_worker.color(Path(options.folder))
+    reporter.result({}, "coloured")
     return 0
 
 
@@ -304,7 +301,7 @@ COMMANDS = {
     "verify": verify,
     pictures.COMMAND: read_picture,
     worlds.COMMAND: render_world,
-    helper.COMMAND: help_window,
+    view_worker.COMMAND: color_view,
 }
 
 

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import relume
 
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
 from helpers import add_light, add_material, add_quad, render_cycles
 

@@ -73,7 +73,7 @@ def lit(scene, registered, tmp_path):
 @pytest.fixture
 def views_here(monkeypatch):
     """No other Blender colours views."""
-    from addon.engine import view_worker
+    from addon.engine.workers import view_worker
     from addon.viewport import view_table
     from views import ColouredHere
 
@@ -87,11 +87,9 @@ def views_here(monkeypatch):
 @pytest.fixture
 def small_tables(views_here, monkeypatch):
     """Tables of a view that take a moment, for what does not depend on their entries."""
-    from addon.export import view_file
-    from addon.viewport import view_table
+    from addon.export import color_table, view_file
 
-    monkeypatch.setattr(view_table, "COARSE", 9)
-    monkeypatch.setattr(view_table, "FINE", 17)
+    monkeypatch.setattr(color_table, "SIZE", 17)
     monkeypatch.setattr(view_file, "SIZE", 17)
 
 
@@ -133,7 +131,7 @@ def lit_by_two(scene, registered_for_all_files, monkeypatch, tmp_path):
 @pytest.fixture
 def baked(lit_by_two):
     """With a picture."""
-    from addon.ui import handlers
+    from addon.live.scheduler import scheduler
     from addon.ui.start import start
     from fake_live import FakeLive
 
@@ -141,7 +139,7 @@ def baked(lit_by_two):
     live = FakeLive.made[-1]
     live.tell(samples=4, state="ready")
     live.show()
-    handlers.tick()
+    scheduler.tick()
     return lit_by_two
 
 
@@ -174,7 +172,7 @@ def painted(baked):
 @pytest.fixture
 def studio(scene, tmp_path):
     """The add-on enabled with the real native module, a plane and a light, a folder, no time for training."""
-    from addon.engine import options
+    from addon.engine.shot import options
     from helpers import add_light, add_material, add_quad
 
     bpy.ops.preferences.addon_enable(module="addon")

@@ -8,10 +8,11 @@ import numpy as np
 from mathutils import Matrix
 
 from addon.core.rows import LIGHT
-from addon.engine import shot
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
+from addon.engine.shot import shot
 from addon.export import ExportOptions
-from addon.ui import handlers, rows
+from addon.live import rows
+from addon.live.scheduler import TICK_SECONDS, scheduler
 
 SECONDS = 60.0
 """How long pictures are waited for."""
@@ -157,18 +158,18 @@ def until(scene, condition, what):
     """Ticks as Blender's timer does, until something is so."""
     deadline = time.monotonic() + SECONDS
     while time.monotonic() < deadline:
-        handlers.tick()
+        scheduler.tick()
         found = shot.of(scene)
         assert found.status["state"] != "failed", found.status["error"]
         if condition(found):
             return found
-        time.sleep(handlers.TICK_SECONDS)
+        time.sleep(TICK_SECONDS)
     raise AssertionError(f"waited {SECONDS} s for {what}: {found.status}")
 
 
 def settled(found):
     """Whether the newest request has its full picture and nothing goes on."""
-    return not found.is_busy and not handlers._resting and found.frame is not None and found.frame.scale == 1
+    return not found.is_busy and not scheduler.settling and found.frame is not None and found.frame.scale == 1
 
 
 def said(scene):
@@ -176,8 +177,8 @@ def said(scene):
     update()
     found = shot.of(scene)
     for _ in range(1000):
-        handlers.tick()
-        handlers._resting.clear()
+        scheduler.tick()
+        scheduler.settling.clear()
         if not found.changes.is_pending:
             return found.changes.sentences
     raise AssertionError("looking for changes does not come to an end")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from addon.core.rows import GROUP
-from addon.ui import rows
+from addon.live import rows
 from helpers import row
 
 

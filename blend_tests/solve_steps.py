@@ -5,7 +5,8 @@ import time
 import bpy
 import numpy as np
 
-from addon.ui import handlers, solving
+from addon.live.scheduler import scheduler
+from addon.ui.solve import operators
 from fake_live import FakeLive
 from fake_solve import FakeJob
 
@@ -28,7 +29,7 @@ def state_of(scene):
 
 def begin(scene):
     """Begins, as far as the native module's work."""
-    found = solving.begin(scene)
+    found = operators.begin(scene)
     while not FakeJob.made:
         found.step()
         time.sleep(0.001)
@@ -36,7 +37,7 @@ def begin(scene):
 
 
 def read(reading):
-    """The end of what is waited for, as `target.awaited`."""
+    """The end of what is waited for, as `target_image.awaited`."""
     try:
         while True:
             next(reading)
@@ -53,7 +54,7 @@ def finish(found, live=None):
         if len(live.requests) > before:
             before = len(live.requests)
             live.show(serial=live.newest.serial + 1)
-            handlers.tick()
+            scheduler.tick()
 
 
 def solve(scene, **answer):

@@ -10,8 +10,9 @@ import relume
 from addon.apply.lights import scaled
 from addon.apply.writable import RefusedError
 from addon.core.rows import GROUP, STATIC, WORLD, Row
-from addon.engine.scene import load_scene
-from addon.ui import mixer, rows
+from addon.engine.reading.scene import load_scene
+from addon.live import rows
+from addon.ui import mixer
 from helpers import add_light, add_material, add_quad, add_world, background, row, update
 
 VERSION = bpy.app.version

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from around_renders import AROUND
 
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
 from helpers import add_quad
 
 pytestmark = pytest.mark.every_version

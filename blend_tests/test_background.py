@@ -12,12 +12,12 @@ import relume
 import addon
 from addon.core.bake_folder import clear, is_bake, size_of
 from addon.core.disk import free_space
-from addon.engine import background, shot
-from addon.engine.checks import ProblemError, disk_space
-from addon.engine.options import options_of, remembered_bake
-from addon.engine.process import Worker
+from addon.engine.shot import background, shot
+from addon.engine.shot.checks import ProblemError, disk_space
+from addon.engine.shot.options import options_of, remembered_bake
+from addon.engine.workers.process import Worker
+from addon.live import handlers
 from addon.ui import background as ui
-from addon.ui import handlers
 from addon.ui.start import start
 from helpers import add_light, add_material, add_quad
 
@@ -249,5 +249,5 @@ def test_a_finished_bake_that_cannot_be_opened_is_said(room, no_training, monkey
     def fail(_scene):
         raise RuntimeError("damaged")
 
-    monkeypatch.setattr(ui.handlers, "open_bake", fail)
+    monkeypatch.setattr(ui, "open_bake", fail)
     assert "damaged" in end(job).error

@@ -77,7 +77,7 @@ def test_another_camera_is_chosen_by_name(scene):
 
 def test_what_cannot_be_is_refused_by_name(scene):
     add_quad(scene)
-    with pytest.raises(Exception, match="camera 'Nope' is not in scene 'Scene'; its cameras are: Camera"):
+    with pytest.raises(Exception, match="camera 'Nope' is not in the scene; its cameras are: Camera"):
         exported(scene, camera="Nope")
     scene.camera.data.type = "PANO"
     with pytest.raises(UnsupportedCameraError, match="camera 'Camera': pano projection is not supported"):

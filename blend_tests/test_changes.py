@@ -7,9 +7,11 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine import fingerprints, record, shot, worlds
-from addon.engine.staleness import StalenessTracker
-from addon.ui import handlers
+from addon.engine.shot import record, shot
+from addon.engine.staleness import fingerprints
+from addon.engine.staleness.tracker import StalenessTracker
+from addon.engine.world import worlds
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_material, add_quad, background, said
@@ -68,8 +70,8 @@ def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
     bpy.data.objects["Sofa"].location.x = 2.0
     bpy.ops.ed.undo_push(message="moved")
     while any(found.changes.is_pending for found in shot.all_open()):
-        handlers.tick()
-        handlers._resting.clear()
+        scheduler.tick()
+        scheduler.settling.clear()
     bpy.ops.ed.undo()
     assert all(found.changes.is_pending for found in shot.all_open()) and len(shot.all_open()) == 2
 
@@ -83,10 +85,10 @@ def test_kinds_of_a_newer_relume_are_left_out(tmp_path):
 
 def test_a_deleted_scene_keeps_nothing_awake(baked):
     other = baked.copy()
-    handlers._resting[other.session_uid] = time.monotonic() + 60.0
+    scheduler.settling[other.session_uid] = time.monotonic() + 60.0
     bpy.data.scenes.remove(other)
-    handlers.tick()
-    assert not handlers._resting
+    scheduler.tick()
+    assert not scheduler.settling
 
 
 def test_meshes_are_walked_last(baked):
@@ -316,7 +318,7 @@ def test_a_bake_that_was_begun_under_a_darker_world_is_relit_as_the_present_one(
     live = FakeLive.made[-1]
     live.tell(world_color=[0.25, 0.5, 0.5])
     assert said(baked) == []
-    handlers.changed(baked)
+    scheduler.request_picture(baked)
     assert live.requests[-1]["world"] == pytest.approx([2.0, 1.0, 1.0])
     assert shot.of(baked).changes.baked_fingerprints()["world"]["color"] == "0.25 0.5 0.5"
 
@@ -432,7 +434,7 @@ def test_undo_and_saving_do_not_forget_the_bake(lit, tmp_path):
 
 
 def test_record_outlives_the_file(baked, tmp_path):
-    handlers.tick()
+    scheduler.tick()
     kept = record.read(tmp_path / "bake")
     assert kept.camera == "Camera" and "Sofa" in kept.receivers
     assert kept.fingerprints == record.of(baked, "map").fingerprints
@@ -444,7 +446,7 @@ def test_record_outlives_the_file(baked, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(path))
     scene = bpy.context.scene
     shot.Shot.open(scene)
-    handlers.read_lights(scene)
+    scheduler.read_lights(scene)
     assert said(scene) == ["'Sofa' moved"]
 
 

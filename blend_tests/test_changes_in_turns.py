@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import bpy
 
-from addon.engine import fingerprints, shape_fingerprints
-from addon.engine.staleness import StalenessTracker
+from addon.engine.staleness import fingerprints, shape_fingerprints
+from addon.engine.staleness.tracker import StalenessTracker
 from helpers import add_quad
 
 MANY = 40

@@ -3,8 +3,8 @@
 import bpy
 import pytest
 
-from addon.engine import shot
-from addon.ui import handlers
+from addon.engine.shot import shot
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add_material, add_quad, background, said
@@ -51,10 +51,10 @@ def textured(lit, tmp_path):
 @pytest.mark.parametrize("name", ["wood.png", "sky.png"])
 def test_image_files_that_change_on_disk_are_named(textured, tmp_path, name):
     write_image(tmp_path / name, (1.0, 0.0, 0.0))
-    assert handlers.look_at_files() > 0.0
+    assert scheduler.look_at_files()
     assert said(textured) == [f"The file of image '{name}' changed"]
     (tmp_path / name).unlink()
-    handlers.look_at_files()
+    scheduler.look_at_files()
     assert said(textured) == [f"The file of image '{name}' changed"]
 
 
@@ -62,7 +62,7 @@ def test_a_rebake_reads_changed_image_files_anew(textured, tmp_path):
     image = bpy.data.images["wood.png"]
     assert image.pixels[0] == pytest.approx(0.5, abs=0.01)
     write_image(tmp_path / "wood.png", (1.0, 0.0, 0.0))
-    handlers.look_at_files()
+    scheduler.look_at_files()
     assert len(said(textured)) == 1
     start(textured)
     assert tuple(image.pixels[:3]) == (1.0, 0.0, 0.0)
@@ -73,7 +73,7 @@ def test_painted_pixels_outlive_a_rebake(textured, tmp_path):
     image = bpy.data.images["wood.png"]
     image.pixels.foreach_set([0.0, 1.0, 0.0, 1.0] * 16)
     write_image(tmp_path / "wood.png", (1.0, 0.0, 0.0))
-    handlers.look_at_files()
+    scheduler.look_at_files()
     assert len(said(textured)) == 1
     start(textured)
     assert tuple(image.pixels[:3]) == (0.0, 1.0, 0.0)
@@ -111,5 +111,5 @@ def test_another_picture_of_a_sequence_is_named(lit, tmp_path):
     texture.image_user.frame_offset = 0
     assert said(lit) == []
     write_image(tmp_path / "film_002.png", (0.0, 0.0, 0.0))
-    handlers.look_at_files()
+    scheduler.look_at_files()
     assert said(lit) == []

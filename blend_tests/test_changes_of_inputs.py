@@ -4,8 +4,9 @@ import bpy
 import pytest
 
 from addon.core.diff import LATER
-from addon.engine import fingerprints, shot
-from addon.engine.staleness import StalenessTracker
+from addon.engine.shot import shot
+from addon.engine.staleness import fingerprints
+from addon.engine.staleness.tracker import StalenessTracker
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_material, add_quad, said, update

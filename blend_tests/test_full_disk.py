@@ -10,10 +10,10 @@ import pytest
 
 from addon.core import status
 from addon.core.bake_folder import is_bake
-from addon.engine import background, options, shot
+from addon.engine.shot import background, options, shot
+from addon.live.scheduler import TICK_SECONDS, scheduler
 from addon.ui import background as ui
-from addon.ui import handlers
-from addon.ui.start import start
+from addon.ui.start import open_bake, start
 from helpers import SECONDS, settled, until, update
 
 PROXY = "proxy_facing-disk.safetensors"
@@ -53,8 +53,8 @@ def turn_until(scene, state):
     deadline = time.monotonic() + SECONDS
     while shot.of(scene).status["state"] != state:
         assert time.monotonic() < deadline, shot.of(scene).status
-        handlers.tick()
-        time.sleep(handlers.TICK_SECONDS)
+        scheduler.tick()
+        time.sleep(TICK_SECONDS)
     return shot.of(scene)
 
 
@@ -85,7 +85,7 @@ def test_what_was_learned_stays_and_learning_goes_on_with_room(learned, disk):
     update()
     deadline = time.monotonic() + SECONDS
     while found.frame.image[..., :3].mean() < 1.9 * before and time.monotonic() < deadline:
-        handlers.tick()
+        scheduler.tick()
     assert found.frame.image[..., :3].mean() == pytest.approx(2.0 * before, rel=0.01), "pictures go on"
     filling.unlink()
     start(learned)
@@ -110,6 +110,6 @@ def test_a_bake_in_the_background_says_so_too(learned, disk):
     assert (disk / "bake" / PROXY).read_bytes() == proxy
     filling.unlink()
     assert is_bake(disk / "bake")
-    handlers.open_bake(learned)
+    open_bake(learned)
     found = until(learned, settled, "the bake from before")
     assert "Stopped while learning" in status.headline(found.status), "what is missing is said, with a button to go on"

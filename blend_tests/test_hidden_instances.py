@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 
-from addon.engine import fingerprints, shot
-from addon.engine.staleness import StalenessTracker
+from addon.engine.shot import shot
+from addon.engine.staleness import fingerprints
+from addon.engine.staleness.tracker import StalenessTracker
 from addon.export.instancers import Instancers
-from addon.ui import handlers
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from helpers import add_quad, exported, render_cycles, said, settled, until, update
 from instances import bulb, instancing, newest, particles, scatter, unlinked
@@ -343,7 +344,7 @@ def test_the_picture_is_that_of_cycles(studio, way):
     way(studio)
     update()
     start(studio)
-    handlers.read_lights(studio)
+    scheduler.read_lights(studio)
     ours = until(studio, settled, "the picture").frame.image[..., :3].mean()
     assert ours == pytest.approx(render_cycles(studio, samples=256).mean(), rel=0.03)
 

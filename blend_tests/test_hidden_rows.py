@@ -4,7 +4,8 @@ import bpy
 import pytest
 
 from addon.core.rows import GROUP
-from addon.ui import mixer, rows
+from addon.live import rows
+from addon.ui import mixer
 from helpers import add_quad, row, update
 from instances import bulb, instancing, newest, particles, scatter, unlinked
 

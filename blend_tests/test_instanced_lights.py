@@ -9,8 +9,10 @@ import pytest
 
 from addon.apply.writable import RefusedError
 from addon.core.rows import GROUP, LIGHT
-from addon.engine import shot
-from addon.ui import handlers, mixer, rows
+from addon.engine.shot import shot
+from addon.live import rows
+from addon.live.scheduler import scheduler
+from addon.ui import mixer
 from addon.ui.start import start
 from helpers import add, add_quad, exported, render_cycles, row, said, settled, until, update
 from instances import bulb, instancing, newest, particles, scatter, unlinked
@@ -242,11 +244,11 @@ def test_the_picture_is_that_of_cycles(studio, way):
     way(studio)
     update()
     start(studio)
-    handlers.read_lights(studio)
+    scheduler.read_lights(studio)
     found = until(studio, settled, "the picture")
     ours = found.frame.image[..., :3].mean()
     assert ours == pytest.approx(render_cycles(studio, samples=256).mean(), rel=0.03)
     assert {light["name"] for light in found.lights.descriptions} == set(json.loads(found.frame.summary)["makers"])
     row(studio, "Bulb").on = False
-    handlers.changed(studio)
+    scheduler.request_picture(studio)
     assert np.abs(until(studio, settled, "darkness").frame.image[..., :3]).max() == 0.0

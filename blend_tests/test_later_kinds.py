@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from addon.core import bake_goal, status
-from addon.engine import options, shot
-from addon.ui import handlers
+from addon.engine.shot import options, shot
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add_light, settled, until, update
@@ -18,7 +18,7 @@ def ready(lit):
     start(lit)
     live = FakeLive.made[-1]
     live.tell(state="ready", samples=4, samples_total=4)
-    handlers.tick()
+    scheduler.tick()
     return live
 
 
@@ -49,16 +49,16 @@ def test_a_kind_that_is_added_later_is_learned_then(studio):
 
 def test_it_is_learned_once_and_can_go_on_after_a_cancel(lit, ready):
     ready.tell(unlearned=["quad"])
-    handlers.tick()
+    scheduler.tick()
     assert learned(ready) == [("learn", 60.0)]
-    handlers.tick()
+    scheduler.tick()
     ready.cancel()
-    handlers.tick()
+    scheduler.tick()
     found = shot.of(lit)
     assert status.is_unfinished(found.status)
     assert status.headline(found.status) == "Stopped while learning the lights; 4 samples are kept"
     ready.tell(state="ready")  # As after a training whose proxy cannot be read.
-    handlers.tick()
+    scheduler.tick()
     assert len(learned(ready)) == 1
 
 
@@ -66,21 +66,21 @@ def test_nothing_is_learned_for_what_is_only_tried(lit, ready):
     found = shot.of(lit)
     found.ask('{"lights": []}')  # As the solver does.
     ready.tell(unlearned=["quad"])
-    handlers.tick()
+    scheduler.tick()
     assert not learned(ready)
-    handlers.changed(lit)
-    handlers.tick()
+    scheduler.request_picture(lit)
+    scheduler.tick()
     assert len(learned(ready)) == 1
 
 
 def test_it_waits_for_a_job_in_the_same_folder(lit, ready, monkeypatch):
     job = SimpleNamespace(is_running=True, folder=shot.of(lit).folder)
-    monkeypatch.setattr("addon.engine.background._jobs", [job])
+    monkeypatch.setattr("addon.engine.shot.background._jobs", [job])
     ready.tell(unlearned=["quad"])
-    handlers.tick()
+    scheduler.tick()
     assert not learned(ready)
     job.is_running = False
-    handlers.tick()
+    scheduler.tick()
     assert len(learned(ready)) == 1
 
 
@@ -89,16 +89,16 @@ def test_no_time_for_training_means_none(lit):
     start(lit)
     live = FakeLive.made[-1]
     live.tell(state="ready", samples=4, samples_total=4, unlearned=["quad"])
-    handlers.tick()
+    scheduler.tick()
     assert not learned(live)
 
 
 def test_a_bake_that_is_opened_alone_is_left_as_it_is(lit, ready):
     shot.Shot.open(lit)
-    handlers.read_lights(lit)
+    scheduler.read_lights(lit)
     live = FakeLive.made[-1]
     live.tell(unlearned=["quad"])
-    handlers.tick()
+    scheduler.tick()
     assert live is not ready and not learned(live)
 
 
@@ -108,5 +108,5 @@ def test_a_folder_that_cannot_be_written_to_is_said(lit, ready, monkeypatch):
 
     monkeypatch.setattr(bake_goal.BakeGoal, "write", full)
     ready.tell(unlearned=["quad"])
-    handlers.tick()
+    scheduler.tick()
     assert not learned(ready) and any("is not learned" in note for note in shot.of(lit).notes)

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
 from helpers import add, add_light, add_material, add_quad, exported, render_cycles
 
 pytestmark = pytest.mark.every_version

@@ -8,10 +8,10 @@ import bpy
 import pytest
 import relume
 
-from addon.engine import shot
-from addon.engine.render_depsgraph import with_render_depsgraph
+from addon.engine.reading.render_depsgraph import with_render_depsgraph
+from addon.engine.shot import shot
 from addon.export import ExportOptions, export_scene
-from addon.ui import handlers
+from addon.live.scheduler import DEBOUNCE_SECONDS, scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_light, row, update
@@ -26,7 +26,7 @@ def live(lit):
     live = FakeLive.made[-1]
     live.tell(state="ready")
     live.show(serial=1)
-    handlers.tick()
+    scheduler.tick()
     live.requests.clear()
     return live
 
@@ -41,10 +41,10 @@ def test_moving_a_light_asks_at_once_and_again_when_it_rests(lit, live):
     update()
     assert [request["interactive"] for request in live.requests] == [True]
     assert newest(live)["Key"]["world_from_object"][0][3] == 1.0
-    handlers.tick()
+    scheduler.tick()
     assert len(live.requests) == 1
-    time.sleep(handlers.REST_SECONDS)
-    handlers.tick()
+    time.sleep(DEBOUNCE_SECONDS)
+    scheduler.tick()
     assert [request["interactive"] for request in live.requests] == [True, False]
     assert newest(live)["Key"]["world_from_object"][0][3] == 1.0
 
@@ -250,9 +250,9 @@ def test_what_is_only_evaluated_again_asks_for_nothing(lit, live):
     bpy.data.lights["Key"].update_tag()
     lit.update_tag()
     update()
-    handlers.changed(lit, interactive=True)
-    handlers.changed(lit)
-    assert live.requests == [] and not handlers._resting
+    scheduler.request_picture(lit, interactive=True)
+    scheduler.request_picture(lit)
+    assert live.requests == [] and not scheduler.settling
 
 
 def test_lights_of_one_name_are_told_apart(lit, live, tmp_path):

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
-from addon.ui import compare, handlers, looks, mixer, rows
+from addon.live.scheduler import scheduler
+from addon.ui import compare, looks, mixer
 from addon.ui.start import start
 from addon.viewport import compare as pairs
 from helpers import add_light, add_world, row, settled, until
@@ -70,7 +71,7 @@ def test_looks_are_compared_as_they_looked(shown):
     bpy.context.view_layer.update()
     two = picture(shown, "two").copy()
     looks.snapshot(shown, "Two")
-    rows.reset(shown)
+    mixer.reset(shown)
     row(shown, "Key").on = False
     dark = picture(shown, "the live one").copy()
     items = shown.relume_looks.items
@@ -85,4 +86,4 @@ def test_looks_are_compared_as_they_looked(shown):
     bpy.context.view_layer.update()
     assert np.abs(picture(shown, "the restored one") - one).max() < 1e-4 * one.max()
     compare.stop(shown)
-    handlers.close_all()
+    scheduler.close_all()

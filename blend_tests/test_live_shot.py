@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from addon.commands import run
-from addon.engine import options, record, shot
-from addon.engine.options import remembered_bake
-from addon.engine.render_depsgraph import ExportCancelled
-from addon.ui import handlers
+from addon.engine.shot import options, record, shot
+from addon.engine.shot.options import remembered_bake
+from addon.export.stop import ExportCancelled
+from addon.live import handlers
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from helpers import SECONDS, add_light, settled, until, update
 
@@ -49,7 +50,7 @@ def test_reopened_file_shows_the_same_picture(studio, tmp_path):
     scene = bpy.context.scene
     assert shot.all_open() == []
     shot.Shot.open(scene)
-    handlers.read_lights(scene)
+    scheduler.read_lights(scene)
     found = until(scene, settled, "the bake to open")
     assert np.abs(found.frame.image - image).max() < 1e-4
     assert record.read(tmp_path / "bake").camera == "Camera"
@@ -91,7 +92,7 @@ def test_disabled_opened_and_undone_while_baking(studio, tmp_path):
     bpy.data.objects["Key"].location.x = 1.0
     bpy.ops.ed.undo_push(message="two")
     bpy.ops.ed.undo()
-    handlers.tick()
+    scheduler.tick()
     began = time.monotonic()
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.preferences.addon_disable(module="addon")
@@ -168,7 +169,7 @@ def test_two_scenes_have_shots_of_their_own(studio, tmp_path):
     until(second, settled, "the second scene")
     assert shot.of(studio).folder != shot.of(second).folder
     bpy.data.scenes.remove(second)
-    handlers.tick()
+    scheduler.tick()
     assert [found.scene_uid for found in shot.all_open()] == [studio.session_uid]
 
 
@@ -259,7 +260,7 @@ def test_rebake_that_is_cancelled_while_reading_keeps_the_bake(studio, tmp_path,
         done(None, ExportCancelled("cancelled"))
 
     with monkeypatch.context() as patched:
-        patched.setattr("addon.engine.shot.load_scene_async", cancelled)
+        patched.setattr("addon.engine.shot.shot.load_scene_async", cancelled)
         assert bpy.ops.relume.start() == {"FINISHED"}
     found = shot.of(studio)
     assert found.status["state"] == "cancelled" and not found.is_busy
@@ -269,7 +270,7 @@ def test_rebake_that_is_cancelled_while_reading_keeps_the_bake(studio, tmp_path,
 
 def test_a_file_that_cannot_be_opened_leaves_the_bakes(studio, tmp_path, monkeypatch):
     opened = []
-    monkeypatch.setattr(handlers, "settle_settings", lambda: opened.append(bpy.context.scene))
+    monkeypatch.setattr(handlers, "preferences", lambda: opened.append(bpy.context.scene))
     (tmp_path / "broken.blend").write_text("no file of Blender")
     with pytest.raises(RuntimeError):
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "broken.blend"))
@@ -280,7 +281,7 @@ def test_what_goes_wrong_while_reading_is_one_line(studio, monkeypatch):
     def broken(_scene, _options, done):
         done(None, RuntimeError("object 'Sofa' is broken"))
 
-    monkeypatch.setattr("addon.engine.shot.load_scene_async", broken)
+    monkeypatch.setattr("addon.engine.shot.shot.load_scene_async", broken)
     with pytest.raises(RuntimeError, match="object 'Sofa' is broken"):
         bpy.ops.relume.start()
     assert shot.of(studio) is None and remembered_bake(studio) is None
@@ -288,7 +289,7 @@ def test_what_goes_wrong_while_reading_is_one_line(studio, monkeypatch):
 
 def test_a_shot_is_not_baked_twice_at_once(studio, monkeypatch):
     job = SimpleNamespace(is_running=True, folder=options.bake_folder(studio))
-    monkeypatch.setattr("addon.engine.background._jobs", [job])
+    monkeypatch.setattr("addon.engine.shot.background._jobs", [job])
     with pytest.raises(RuntimeError, match="baked in the background"):
         bpy.ops.relume.start()
     job.is_running = False

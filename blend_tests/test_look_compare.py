@@ -8,8 +8,9 @@ import pytest
 from addon.core import receivers
 from addon.core.looks import Look, match
 from addon.core.rows import Row
-from addon.engine import shot
-from addon.ui import compare, handlers, looks
+from addon.engine.shot import shot
+from addon.live.scheduler import scheduler
+from addon.ui import compare, looks
 from addon.ui.start import start
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
@@ -23,7 +24,7 @@ def compared(rigged, monkeypatch):
     monkeypatch.setattr(pairs, "set_pair", lambda scene, *pair: shown.append(pair))
     start(rigged)
     FakeLive.made[-1].show()
-    handlers.tick()
+    scheduler.tick()
     looks.snapshot(rigged, "One")
     bpy.data.objects["Key"].location = (9, 9, 9)
     update()
@@ -40,7 +41,7 @@ def place_of_key(request):
 def answer(live, comparison, **how):
     """A picture of the newest request arrives."""
     live.show(serial=live.newest.serial + 1 if live.newest else 1, **how)
-    handlers.tick()
+    scheduler.tick()
     return comparison.step()
 
 
@@ -65,7 +66,7 @@ def test_two_looks_are_compared_as_they_were_made(compared):
 def test_a_comparison_keeps_the_polling_awake(compared, monkeypatch):
     scene, live, _shown = compared
     woken = []
-    monkeypatch.setattr(handlers, "wake", lambda: woken.append(len(live.requests)))
+    monkeypatch.setattr(scheduler, "wake", lambda: woken.append(len(live.requests)))
     items = scene.relume_looks.items
     comparison = compare.start(scene, [items["One"], items["Two"]])
     assert woken[-1] == len(live.requests), "after the first request"
@@ -107,7 +108,7 @@ def test_a_look_shines_on_the_same_objects_in_a_bake_that_counts_them_anew(compa
     linked.objects.link(bpy.data.objects["Plane"])
     bpy.data.objects["Key"].light_linking.receiver_collection = linked
     update()
-    handlers.read_lights(scene)
+    scheduler.read_lights(scene)
     looks.snapshot(scene, "Linked")
     bpy.data.objects["Key"].light_linking.receiver_collection = None
     update()

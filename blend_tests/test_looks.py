@@ -8,7 +8,7 @@ from look_steps import dial, scene_state, values
 
 from addon.core.looks import LookError, to_json
 from addon.core.rows import Row
-from addon.ui import looks, rows
+from addon.ui import looks, mixer
 from helpers import add_light, row, update
 
 
@@ -16,7 +16,7 @@ def test_restoring_brings_rows_back_and_writes_nothing_to_lights(rigged):
     dial(rigged)
     kept = values(rigged)
     looks.snapshot(rigged)
-    rows.reset(rigged)
+    mixer.reset(rigged)
     bpy.data.objects["Key"].data.energy = 7.0
     before = scene_state(rigged)
     assert bpy.ops.relume.restore_look() == {"FINISHED"}

@@ -5,8 +5,8 @@ import pytest
 
 from addon.core import status
 from addon.core.bake_folder import CONTENTS
-from addon.engine import options, shot
-from addon.ui import handlers
+from addon.engine.shot import options, shot
+from addon.live import handlers
 from addon.ui.start import start
 from helpers import settled, until
 

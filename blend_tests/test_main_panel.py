@@ -10,8 +10,10 @@ import pytest
 from addon.core import bake_goal, status
 from addon.core.bake_folder import MANIFEST
 from addon.core.polled_cache import PolledCache
-from addon.engine import options, shot
-from addon.ui import handlers, main_panel
+from addon.engine.shot import options, shot
+from addon.live import handlers
+from addon.live.scheduler import scheduler
+from addon.ui import main_panel
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import until
@@ -143,11 +145,11 @@ def test_what_a_whole_bake_was_to_become_is_forgotten(lit, tmp_path, drawn):
     start(lit)
     assert bake_goal.read(tmp_path / "bake") == bake_goal.BakeGoal(64, 60.0)
     FakeLive.made[-1].tell(state="cancelled", samples=64, samples_total=64)
-    handlers.tick()
+    scheduler.tick()
     assert "Resume" in drawn(lit).buttons and bake_goal.read(tmp_path / "bake") is not None
     assert bpy.ops.relume.go_on() == {"FINISHED"}
     FakeLive.made[-1].tell(state="ready", samples=64, samples_total=64)
-    handlers.tick()
+    scheduler.tick()
     assert "Resume" not in drawn(lit).buttons and bake_goal.read(tmp_path / "bake") is None
 
 
@@ -155,7 +157,7 @@ def test_a_whole_bake_is_ready(lit, drawn):
     start(lit)
     FakeLive.made[-1].tell(state="ready", samples=64, samples_total=64)
     FakeLive.made[-1].show()
-    handlers.tick()
+    scheduler.tick()
     layout = drawn(lit)
     assert "Resume" not in layout.buttons and layout.words[0] == "Ready, 64 samples"
     assert not status.is_unfinished(shot.of(lit).status)
@@ -169,7 +171,7 @@ def test_a_bake_that_cannot_be_opened_with_its_file_is_said(lit, tmp_path, drawn
         raise RuntimeError("Relume was updated\nwhile it was loaded")
 
     with monkeypatch.context() as patched:
-        patched.setattr(handlers, "open_bake", fail)
+        patched.setattr(shot.Shot, "open", fail)
         handlers.open_bakes()
     says = "The bake of this scene could not be opened: Relume was updated while it was loaded"
     assert says in drawn(lit).words and "Traceback" not in capfd.readouterr().err
@@ -196,7 +198,7 @@ def test_warnings_are_grouped_by_what_they_say(lit, drawn):
     few = "its direct light is found by one path in {} pixels and will be noise; make it larger, or bake more samples"
     notes = [f"light 'Lamp {number}': {few.format(number)}" for number in (40, 7, 190, 7, 12)]
     FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4, warnings=[*notes, "the file is old"])
-    handlers.tick()
+    scheduler.tick()
     assert shot.of(lit).notes[0] == (
         f"light 'Lamp 40', and likewise 'Lamp 7', 'Lamp 190' and 'Lamp 12': {few.format('7 to 190')}"
     )
@@ -218,12 +220,12 @@ def test_how_long_all_will_take_is_said_while_paths_are_traced(lit, drawn):
     live = FakeLive.made[-1]
     live.tell(state="baking", samples=4, samples_total=64, stage=tracing(4, 64, 2.0), to_learn=[64])
     live.show()
-    handlers.tick()
+    scheduler.tick()
     lines = drawn(lit).lines
     # What comes and goes is below the buttons, which would move under the mouse.
     assert lines.index("At least 3:00 until all is traced and learned") > lines.index("Cancel")
     live.tell(state="ready", samples=64, stage=None, to_learn=[])
-    handlers.tick()
+    scheduler.tick()
     assert not any("until all is" in words for words in drawn(lit).words)
 
 

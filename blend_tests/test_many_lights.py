@@ -3,9 +3,11 @@
 import bpy
 import pytest
 
-from addon.engine import scene_lights, shot
-from addon.engine.scene_lights import SceneLights
-from addon.ui import handlers, rows
+from addon.engine.reading import scene_lights
+from addon.engine.reading.scene_lights import SceneLights
+from addon.engine.shot import shot
+from addon.live import handlers, rows
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_light, row, update
@@ -27,7 +29,7 @@ def street(lit):
     live = FakeLive.made[-1]
     live.tell(state="ready")
     live.show()
-    handlers.tick()
+    scheduler.tick()
     return live
 
 
@@ -88,10 +90,10 @@ def test_edits_of_values_do_not_walk_over_the_rows(lit, street, monkeypatch, edi
 def test_rows_that_are_due_again_and_again_leave_turns_to_pictures(lit, street, monkeypatch):
     polled, compared = [], []
     monkeypatch.setattr(shot.Shot, "poll", lambda found: polled.append(found))
-    monkeypatch.setattr(rows, "sync", compared.append)
+    monkeypatch.setattr(rows, "are_due", lambda: True)
+    monkeypatch.setattr(rows, "sync_due", lambda: compared.append(lit) or True)
     for _ in range(6):
-        rows._due.add(lit.session_uid)
-        assert handlers.tick(), "polling goes on"
+        assert scheduler.tick(), "polling goes on"
     assert len(polled) == len(compared) == 3
 
 
@@ -141,13 +143,13 @@ SERIES = (
 
 @pytest.mark.parametrize("seconds", [0.0, 60.0], ids=["in turns", "at once"])
 def test_what_is_read_bit_by_bit_is_what_would_be_read_anew(lit, street, monkeypatch, seconds):
-    monkeypatch.setattr(handlers, "READ_SECONDS", seconds)
+    monkeypatch.setattr(scheduler, "read_seconds", seconds)
     found = shot.of(lit)
     for number, change in enumerate(SERIES):
         change(lit)
         update()
         while found.lights.is_waiting:
-            handlers.tick()
+            scheduler.tick()
         anew = SceneLights(found.lights.view_layer, found.lights.receivers)
         anew.read(bpy.context.evaluated_depsgraph_get())
         assert found.lights.descriptions == anew.descriptions, f"after change {number}"
@@ -183,18 +185,17 @@ def linked_to_each_other(scene):
 
 
 @pytest.mark.parametrize("change", [nothing, instances_of_others, hidden_lights, linked_to_each_other])
-def test_where_no_light_is_instanced_no_instance_is_looked_at(lit, street, monkeypatch, change):
+def test_where_no_light_is_instanced_lights_are_read_by_themselves(lit, street, monkeypatch, change):
     change(lit)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     by_all, by_themselves = (SceneLights(bpy.context.view_layer.name, ["Plane"]) for _ in range(2))
     with monkeypatch.context() as patch:
         patch.setattr(scene_lights, "may_be_instanced", lambda _: True)
         by_all.read(depsgraph)
-    monkeypatch.setattr(scene_lights, "_shown", None)
     by_themselves.read(depsgraph)
     assert by_themselves.descriptions == by_all.descriptions and len(by_all.descriptions) > MANY / 2
     assert by_themselves.warnings == by_all.warnings
-    assert by_themselves._visibility == by_all._visibility
+    assert not by_themselves.instanced
 
 
 def of_a_collection_around(scene):
@@ -223,7 +224,7 @@ def test_what_may_instance_a_light_is_noticed(lit, street, change):
 
 
 def test_many_lights_are_read_in_turns_and_asked_for_once_all_are(lit, street, monkeypatch):
-    monkeypatch.setattr(handlers, "READ_SECONDS", 0.0)
+    monkeypatch.setattr(scheduler, "read_seconds", 0.0)
     found, before = shot.of(lit), len(street.requests)
     for obj in lit.objects:
         obj.location.x = 1.0
@@ -232,7 +233,7 @@ def test_many_lights_are_read_in_turns_and_asked_for_once_all_are(lit, street, m
     turns = 0
     while found.lights.is_waiting:
         assert len(street.requests) == before, "not with some lights moved and others not"
-        assert handlers.tick(), "polling goes on"
+        assert scheduler.tick(), "polling goes on"
         turns += 1
     assert turns >= MANY / 2
     assert len(street.requests) == before + 1
@@ -240,7 +241,7 @@ def test_many_lights_are_read_in_turns_and_asked_for_once_all_are(lit, street, m
 
 
 def test_whoever_needs_the_lights_before_gets_them_all(lit, street, monkeypatch):
-    monkeypatch.setattr(handlers, "READ_SECONDS", 0.0)
+    monkeypatch.setattr(scheduler, "read_seconds", 0.0)
     for obj in lit.objects:
         obj.location.x = 1.0
     update()
@@ -253,7 +254,7 @@ def test_whoever_needs_the_lights_before_gets_them_all(lit, street, monkeypatch)
 @pytest.mark.parametrize("way", ["deleted", "undone"])
 def test_lights_that_go_while_they_wait_do_no_harm(lit, street, monkeypatch, way):
     bpy.ops.ed.undo_push(message="before")
-    monkeypatch.setattr(handlers, "READ_SECONDS", 0.0)
+    monkeypatch.setattr(scheduler, "read_seconds", 0.0)
     add_light(lit, "POINT", "Short-lived")
     for obj in lit.objects:
         obj.location.x = 1.0
@@ -264,11 +265,11 @@ def test_lights_that_go_while_they_wait_do_no_harm(lit, street, monkeypatch, way
         bpy.ops.ed.undo()
     else:
         bpy.data.objects.remove(bpy.data.objects["Short-lived"])
-        handlers.tick()
+        scheduler.tick()
         update()
     scene = bpy.context.scene
     while shot.of(scene).lights.is_waiting:
-        handlers.tick()
+        scheduler.tick()
     names = [light["name"] for light in street.requests[-1]["lights"]]
     assert len(names) == MANY + 1 and "Short-lived" not in names
 
@@ -276,10 +277,11 @@ def test_lights_that_go_while_they_wait_do_no_harm(lit, street, monkeypatch, way
 def test_rows_are_compared_in_a_turn_after_the_one_that_undoes(street, monkeypatch):
     turns = []
     monkeypatch.setattr(rows, "sync_due", lambda: turns.append("rows") or False)
-    handlers.tick()
+    scheduler.tick()
     assert turns == ["rows"]
     handlers.on_undo()
-    handlers.tick()
-    assert turns == ["rows"], "this turn reads lights"
-    handlers.tick()
-    assert turns == ["rows"] * 2
+    turns.clear()
+    scheduler.tick()
+    assert turns == [], "this tick reads lights"
+    scheduler.tick()
+    assert turns == ["rows"]

@@ -6,7 +6,8 @@ import pytest
 import addon
 from addon.core import rows as core
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
-from addon.ui import mixer, rows
+from addon.live import handlers, rows
+from addon.ui import mixer
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, add_light, add_quad, row, update
@@ -179,7 +180,7 @@ def test_every_slider_asks_for_an_interactive_picture(scene, tmp_path):
         assert len(live.requests) == before + 1, name
         assert live.requests[-1]["interactive"] is True
     assert live.requests[-1]["gains"] == {"Key": SILENT} and live.requests[-1]["static"] == SILENT
-    rows.reset(scene)
+    mixer.reset(scene)
     assert live.requests[-1]["gains"] == {"Key": NEUTRAL} and live.requests[-1]["interactive"] is False
 
 
@@ -189,7 +190,7 @@ def reset_by_operator(scene, found):
     assert bpy.ops.relume.reset_row() == {"FINISHED"}
 
 
-@pytest.mark.parametrize("reset", [lambda scene, found: rows.reset(scene, [found]), reset_by_operator])
+@pytest.mark.parametrize("reset", [lambda scene, found: mixer.reset(scene, [found]), reset_by_operator])
 def test_reset_is_for_one_row_or_all(scene, reset):
     for name in ("Key", "Fill"):
         add_light(scene, "POINT", name)
@@ -198,7 +199,7 @@ def test_reset_is_for_one_row_or_all(scene, reset):
         row(scene, name).multiplier = 5.0
     reset(scene, row(scene, "Key"))
     assert (row(scene, "Key").multiplier, row(scene, "Fill").multiplier) == (1.0, 5.0)
-    rows.reset(scene)
+    mixer.reset(scene)
     assert row(scene, "Fill").multiplier == 1.0
 
 
@@ -248,7 +249,7 @@ def test_a_linked_scene_is_left_alone(scene, tmp_path):
         wanted.scenes = ["Scene"]
     (found,) = wanted.scenes
     before = listed(found)
-    rows.on_load()
+    rows.find_by_name()
     assert found.library and "Key" in found.objects and listed(found) == before, "it had no row for its light"
 
 
@@ -258,7 +259,7 @@ def test_disabled_and_enabled_again(scene):
     row(scene, "Key").exposure = 1.0
     addon.unregister()
     assert not hasattr(scene, "relume_mix")
-    assert rows.on_depsgraph_update not in bpy.app.handlers.depsgraph_update_post
+    assert handlers.on_depsgraph_update not in bpy.app.handlers.depsgraph_update_post
     addon.register()
     assert row(scene, "Key").exposure == 1.0
 
@@ -285,6 +286,6 @@ def test_a_mix_is_made_anew_when_a_row_changes_and_not_before(scene, monkeypatch
     mixed()
     for name, value in CHANGES.items():
         read.clear()
-        with rows.quiet():
+        with rows.silently():
             setattr(key, name, value)
         assert mixed() is mixed() and len(read) == 1, name

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import relume
 
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
 from helpers import add_material, add_quad, render_cycles
 

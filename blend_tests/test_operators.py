@@ -14,11 +14,17 @@ import relume
 from solve_steps import LINE, solve
 
 from addon.core import strokes as core
-from addon.engine import background, cycles_reference, devices, shot, verify
+from addon.engine import devices
+from addon.engine.cycles import reference as cycles_reference
+from addon.engine.cycles import verify
+from addon.engine.shot import background, shot
+from addon.engine.solve import solving
+from addon.live.scheduler import scheduler
 from addon.ui import background as background_ui
-from addon.ui import compare, handlers, locks, looks, mixer, preferences, regions, rows, scribble_tool, solving, target
+from addon.ui import compare, looks, mixer, preferences
 from addon.ui import start as starting
 from addon.ui import verify as verifying
+from addon.ui.solve import locks, operators, regions, results, scribble_tool, target
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
 from fake_solve import FakeJob, light
@@ -108,7 +114,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
         FakeWorker.made.clear()
         background.close_all()
         verify.close_all()
-        preferences._said.clear()
+        preferences._messages.clear()
         monkeypatch.setattr(devices, "_names", [])
         scene = bpy.context.scene
         scene.render.resolution_x, scene.render.resolution_y = 160, 90
@@ -122,7 +128,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
         starting.start(scene)
         FakeLive.made[-1].tell(samples=4, samples_total=8, state="cancelled")
         FakeLive.made[-1].show()
-        handlers.tick()
+        scheduler.tick()
         looks.snapshot(scene, "One")
         row(scene, "Key").exposure = 1.0
         bpy.data.objects["Fill"].hide_render = True
@@ -138,7 +144,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
         image.save()
         scene.relume_solve.target = image
         update()
-        handlers.tick()
+        scheduler.tick()
         return scene
 
     yield make
@@ -188,7 +194,7 @@ def state(scene, folder):
             "shot": found and (str(found.folder), found.camera, found.status),
             "images": sorted(image.name for image in bpy.data.images),
             "files": sorted(path.name for path in folder.rglob("*.json") if path.parent.name != "bake"),
-            "said": preferences._said,
+            "said": preferences._messages,
             "devices": devices.names(),
             "target": target_pixels(scene),
             "workers": [(worker.command, worker.ending) for worker in FakeWorker.made],
@@ -216,10 +222,10 @@ def verification(scene):
 
 def rest():
     """Until the picture after the last edit is asked for, which comes a moment later."""
-    handlers.tick()
-    while handlers._resting and shot.all_open():
+    scheduler.tick()
+    while scheduler.settling and shot.all_open():
         time.sleep(0.01)
-        handlers.tick()
+        scheduler.tick()
 
 
 def without_shot(scene):
@@ -228,7 +234,7 @@ def without_shot(scene):
 
 def while_baking(_scene):
     FakeLive.made[-1].tell(state="baking")
-    handlers.tick()
+    scheduler.tick()
 
 
 def with_pair(scene):
@@ -238,7 +244,7 @@ def with_pair(scene):
 
 def while_solving(scene):
     regions.remove_region(scene)  # That without a mask.
-    solving.begin(scene)
+    operators.begin(scene)
 
 
 def solved(scene):
@@ -281,7 +287,7 @@ def baking_beside(scene):
 def with_present_picture(_scene):
     rest()
     FakeLive.made[-1].show(serial=FakeLive.made[-1].newest.serial + 1)
-    handlers.tick()
+    scheduler.tick()
 
 
 def while_verifying(scene):
@@ -291,7 +297,7 @@ def while_verifying(scene):
 
 def verified(scene):
     while_verifying(scene)
-    picture = verify.Picture(np.ones((4, 4, 4), np.float32))
+    picture = verify.ImageFrame(np.ones((4, 4, 4), np.float32))
     found = verify.of(scene)
     found.reference, found.difference = picture, picture
     found.result = {"error": 0.1, "noise": 0.01, "psnr": 30.0}
@@ -339,7 +345,7 @@ CASES = {
     "pause": (nothing, lambda scene, _: starting.toggle_pause(scene), {}),
     "cancel": (while_baking, lambda scene, _: starting.cancel(scene), {}),
     "apply_to_lights": (nothing, lambda scene, _: mixer.apply_to_lights(scene), {}),
-    "read_from_lights": (nothing, lambda scene, _: rows.reset(scene), {}),
+    "read_from_lights": (nothing, lambda scene, _: mixer.reset(scene), {}),
     "select_light": (nothing, lambda _scene, _: mixer.select_light(bpy.context, "Key"), {"light": "Key"}),
     "show_light": (nothing, lambda _scene, _: mixer.show_light(bpy.context, "Fill"), {"light": "Fill"}),
     "snapshot": (nothing, lambda scene, _: looks.snapshot(scene), {}),
@@ -381,9 +387,9 @@ CASES = {
     ),
     "clear_target": (nothing, lambda scene, _: target.clear(scene), {}),
     "show_target": (nothing, lambda scene, _: shown_target(scene), {}),
-    "apply_solved": (solved, lambda scene, _: solving.apply(scene, looks.active_look(scene)), {}),
+    "apply_solved": (solved, lambda scene, _: results.apply(scene, looks.active_look(scene)), {}),
     "paste_target": (nothing, lambda _scene, _: ended(target.paste(bpy.context)), {}),
-    "solve": (nothing, lambda scene, _: solving.solve_at_once(scene), {}),
+    "solve": (nothing, lambda scene, _: operators.begin(scene).run_to_end(), {}),
     "cancel_solve": (while_solving, lambda scene, _: solving.running(scene).cancel(), {}),
     "background_start": (nothing, lambda scene, _: background_ui.start(scene), {}),
     "background_cancel": (baking_beside, lambda _scene, _: background.all_jobs()[0].cancel(), {"number": 0}),

@@ -1,5 +1,6 @@
 """Pixels of the overlay equal Blender's own display of the same frame, exactly in the given rectangle."""
 
+import weakref
 from types import SimpleNamespace
 
 import gpu
@@ -7,10 +8,9 @@ import numpy as np
 import pytest
 
 from addon.export.view_transform import displayed
-from addon.viewport import overlay, precompilation, shader, texture, view_table
+from addon.viewport import overlay, texture, view_table
 from addon.viewport.camera_frame import Rectangle
 from addon.viewport.overlay import Show
-from addon.viewport.view_table import View
 from views import VIEWS
 
 pytestmark = pytest.mark.usefixtures("gpu_started")
@@ -68,27 +68,6 @@ def assert_same(found, expected):
 
 def inside(pixels, at=(10, 7), size=(WIDTH, HEIGHT)):
     return pixels[at[1] : at[1] + size[1], at[0] : at[0] + size[0]]
-
-
-@pytest.mark.parametrize("name", ["Standard", "AgX"])
-def test_all_programs_are_compiled_once_before_a_picture_is_drawn(scene, monkeypatch, name):
-    compile_program, compiled = shader.compile_program, []
-
-    def count(info, vertex, fragment):
-        compiled.extend([fragment] * (shader.FRAGMENT in fragment))
-        return compile_program(info, vertex, fragment)
-
-    monkeypatch.setattr(shader, "compile_program", count)
-    shader.free()
-    VIEWS[name](scene)
-    region = 100, 80
-    with gpu.types.GPUFrameBuffer(color_slots=gpu.types.GPUTexture(region, format="SRGB8_A8")).bind():
-        for draw_piece in precompilation.all_pieces((WIDTH, HEIGHT), region, view_table.complete(scene)):
-            draw_piece()
-    assert len(compiled) == 4
-    for more in ({}, {"size": (2 * WIDTH, HEIGHT)}, {"mode": overlay.SPLIT}, {"mode": overlay.DIFFERENCE}):
-        drawn(scene, show(frame(), **more))
-    assert len(compiled) == 4
 
 
 @pytest.mark.parametrize("name", VIEWS)
@@ -224,35 +203,25 @@ def test_another_view_shows_the_same_frame_anew(scene):
         assert_same(inside(drawn(scene, show(picture))), display(scene, picture))
 
 
-def test_a_frame_is_uploaded_once(scene, monkeypatch):
-    uploads, upload = [], texture._upload
-    monkeypatch.setattr(texture, "_upload", lambda size, *more: uploads.append(size) or upload(size, *more))
+def test_a_frame_is_uploaded_once(scene):
     picture = frame()
-    for _ in range(3):
-        drawn(scene, show(picture))
-    assert uploads.count((WIDTH, HEIGHT)) == 1
-    drawn(scene, show(frame(2)))
-    assert uploads.count((WIDTH, HEIGHT)) == 2
-
-
-def test_memory_that_was_found_for_a_table_is_given_back_before_it_is_uploaded(scene, monkeypatch):
-    order, upload = [], texture._upload
-    monkeypatch.setattr(texture, "_upload", lambda size, *more: order.append(size) or upload(size, *more))
-    memory = SimpleNamespace(give_back=lambda: order.append("given back"))
-    view = View(np.zeros((3, 3, 3, 4), np.float32), 1.0, 1.0, memory=memory)
-    for _ in range(2):
-        texture.of_table(view)
-    assert order == ["given back", (3, 3, 3)]
+    drawn(scene, show(picture))
+    uploaded = texture.of_frame(picture)
+    drawn(scene, show(picture))
+    assert texture.of_frame(picture) is uploaded
+    assert texture.of_frame(frame(2)) is not uploaded
 
 
 def test_frames_out_of_use_are_let_go(scene):
     first, second = frame(1), frame(2)
     drawn(scene, show(first, second=second))
-    assert len(texture._frames) == 2
+    pixels, uploaded = weakref.ref(first.image), texture.of_frame(second)
+    del first
+    assert pixels() is not None
     texture.keep_only([second])
-    assert [kept for kept, _ in texture._frames.values()] == [second]
+    assert pixels() is None and texture.of_frame(second) is uploaded
     texture.free()
-    assert not texture._frames and not texture._tables
+    assert texture.of_frame(second) is not uploaded
 
 
 def test_blenders_drawing_state_is_as_it_was(scene):

@@ -8,7 +8,7 @@ import bpy
 import pytest
 import relume
 
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
 from helpers import add, add_light, add_material, add_quad, background, render_cycles
 from instances import instancing, unlinked

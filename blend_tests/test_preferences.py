@@ -12,9 +12,10 @@ import pytest
 
 from addon.core import bake_cache, disk
 from addon.core.bake_folder import MANIFEST
-from addon.engine import background, cache, devices, options
-from addon.engine.checks import ProblemError, folders_in_use
+from addon.engine import devices
 from addon.engine.native import NativeModuleError, native
+from addon.engine.shot import background, cache, options
+from addon.engine.shot.checks import ProblemError, folders_in_use
 from addon.ui import preferences, timers
 from addon.ui.preferences import RELUME_OT_count_cache
 from addon.ui.start import start
@@ -133,7 +134,7 @@ def test_the_window_goes_on_while_the_cache_is_counted_and_deleted(chosen, tmp_p
         slow.set()
         while preferences.step():
             time.sleep(0.001)
-        assert preferences._said == said and RELUME_OT_count_cache.poll(None)
+        assert preferences._messages == said and RELUME_OT_count_cache.poll(None)
         slow.clear()
 
 

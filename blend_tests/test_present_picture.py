@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from solve_steps import begin
 
-from addon.engine import shot
-from addon.ui import compare, handlers, looks, verify
+from addon.engine.shot import shot
+from addon.live.scheduler import scheduler
+from addon.ui import compare, looks, verify
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import row
@@ -26,7 +27,7 @@ def picture_arrives(**how):
     """The newest request is answered."""
     live = FakeLive.made[-1]
     live.show(serial=live.newest.serial + 1, **how)
-    handlers.tick()
+    scheduler.tick()
     return live.newest
 
 
@@ -105,11 +106,11 @@ def test_a_snapshot_after_an_edit_has_no_older_picture(baked):
 def test_pictures_are_waited_for_after_a_failure(baked):
     found, live = shot.of(baked), FakeLive.made[-1]
     live.tell(state="failed", error="No space left on device (os error 28)")
-    handlers.tick()
+    scheduler.tick()
     assert not found.is_busy
     row(baked, "Key").exposure = 1.0
-    handlers.changed(baked)
-    assert handlers.tick() and found.is_busy
+    scheduler.request_picture(baked)
+    assert scheduler.tick() and found.is_busy
     frame = picture_arrives(value=0.75)
     assert found.frame is frame and np.all(frame.image == 0.75) and not found.is_busy
 
@@ -117,14 +118,14 @@ def test_pictures_are_waited_for_after_a_failure(baked):
 def test_nothing_is_waited_for_where_a_failure_left_no_paths(lit_by_two):
     start(lit_by_two)
     FakeLive.made[-1].tell(state="failed", error="the folder cannot be written")
-    handlers.tick()
+    scheduler.tick()
     assert not shot.of(lit_by_two).is_busy
 
 
 def test_looks_are_compared_after_a_failure(baked):
     looks.snapshot(baked, "One")
     FakeLive.made[-1].tell(state="failed", error="No space left on device (os error 28)")
-    handlers.tick()
+    scheduler.tick()
     comparison = compare.start(baked, list(baked.relume_looks.items))
     assert comparison.step(), "its picture is waited for"
     picture_arrives()

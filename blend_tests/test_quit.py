@@ -13,8 +13,8 @@ import bpy
 import pytest
 
 from addon.core import status
-from addon.engine import options, shot
-from addon.ui import handlers
+from addon.engine.shot import options, shot
+from addon.live import handlers
 from helpers import SECONDS, settled, until
 
 HERE = Path(__file__).resolve().parent
@@ -27,8 +27,9 @@ for module in ("cycles", "addon"):
     bpy.ops.preferences.addon_enable(module=module)
 bpy.ops.wm.open_mainfile(filepath=blend)
 
-from addon.engine import options
-from addon.ui import background, handlers, verify
+from addon.engine.shot import options
+from addon.live import handlers
+from addon.ui import background, verify
 from addon.ui.start import start
 from helpers import settled, until
 
@@ -57,7 +58,7 @@ if way == "killed":
     time.sleep(600)
 """
 OLD_SECONDS = 15.0
-"""What Relume has to end in is over by then (`EXIT_SECONDS` in `addon/ui/handlers.py`)."""
+"""What Relume has to end in is over by then (`EXIT_SECONDS` in `addon/live/handlers.py`)."""
 WORK = ("baking", "training", "background baking", "background training", "verifying")
 
 

@@ -1,32 +1,40 @@
 """New pictures and new states are drawn at once, mere progress only as often as drawing is cheap."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
 
-from addon.engine import shot
-from addon.ui import handlers, redraws
+from addon.engine.shot import shot
+from addon.live import redraws
+from addon.live.scheduler import TICK_SECONDS, scheduler
 from addon.ui.start import start
+from addon.viewport import views
 from fake_live import FakeLive
 
-BOTH, BAR = {"WINDOW", "UI"}, {"UI"}
+WIDE, NARROW = 2000, 300
+"""Widths of a side bar in pixels: all words fit into a line, or 36 characters do."""
 
 
 @pytest.fixture
 def bake(lit, monkeypatch):
-    """A bake in progress whose words were drawn, a clock to be set, and a list of what is drawn from then on."""
-    clock = SimpleNamespace(now=100.0, drawn=[])
+    """A bake in progress whose words were drawn, a clock to be set, the width of the side bar, and a list of the
+    regions that are drawn from then on."""
+    clock = SimpleNamespace(now=100.0, width=WIDE, drawn=[])
+
+    def regions(*kinds):
+        return [SimpleNamespace(width=clock.width, tag_redraw=partial(clock.drawn.append, kind)) for kind in kinds]
+
     monkeypatch.setattr(redraws, "time", SimpleNamespace(perf_counter=lambda: clock.now))
-    monkeypatch.setattr(redraws, "_tag", clock.drawn.append)
-    monkeypatch.setattr(redraws, "_due", 0.0)
+    monkeypatch.setattr(views, "regions", regions)
     found, clock.live = start(lit), FakeLive.made[-1]
     while found.changes.is_pending:
-        handlers.tick()
+        scheduler.tick()
 
-    def turn(seconds=handlers.TICK_SECONDS):
+    def turn(seconds=TICK_SECONDS):
         clock.now += seconds
-        redraws.note_turn(handlers.TICK_SECONDS)
-        return handlers.tick()
+        scheduler.redraws.note_tick(TICK_SECONDS)
+        return scheduler.tick()
 
     clock.turn = turn
     traced(clock, 1)
@@ -44,17 +52,17 @@ def traced(clock, done):
 def test_progress_takes_its_share_of_the_time_and_the_last_of_it_is_said(bake):
     traced(bake, 2)
     bake.turn(1.0)
-    assert bake.drawn == [BAR]
+    assert bake.drawn == ["UI"]
     slow = 0.2
     traced(bake, 3)
-    bake.turn(handlers.TICK_SECONDS + slow)
+    bake.turn(TICK_SECONDS + slow)
     start, seconds = bake.now, 0.0
-    while bake.drawn == [BAR]:
+    while bake.drawn == ["UI"]:
         assert bake.turn(), "there is something left to be drawn"
         seconds = bake.now - start
         assert seconds < 10.0
-    assert seconds == pytest.approx(slow / redraws.SHARE, abs=2 * handlers.TICK_SECONDS)
-    assert bake.drawn == [BAR, BAR]
+    assert seconds == pytest.approx(slow / redraws.SHARE, abs=2 * TICK_SECONDS)
+    assert bake.drawn == ["UI", "UI"]
 
 
 def test_a_picture_is_drawn_at_once(bake):
@@ -64,7 +72,7 @@ def test_a_picture_is_drawn_at_once(bake):
     bake.drawn.clear()
     bake.live.show(serial=1)
     bake.turn()
-    assert bake.drawn == [BOTH]
+    assert bake.drawn == ["WINDOW", "UI"]
 
 
 def test_another_state_is_drawn_at_once_and_again_when_the_panels_have_moved(bake, lit):
@@ -76,11 +84,11 @@ def test_another_state_is_drawn_at_once_and_again_when_the_panels_have_moved(bak
         assert bake.turn()
         bake.turn()
         bake.turn()
-        assert bake.drawn == [BAR, BAR], change
+        assert bake.drawn == ["UI", "UI"], change
 
 
-def test_panels_move_when_words_take_another_line(bake, monkeypatch):
-    monkeypatch.setattr(redraws, "_regions", lambda kinds: [SimpleNamespace(width=300)])
+def test_panels_move_when_words_take_another_line(bake):
+    bake.width = NARROW
 
     def show(noise):
         """Now it says "Showing 4 samples, denoised (noise 9 % before)", of which 36 characters fit into a line."""
@@ -92,8 +100,8 @@ def test_panels_move_when_words_take_another_line(bake, monkeypatch):
         return bake.drawn
 
     show(None)
-    assert show(0.09) == [BOTH, BAR]
-    assert show(0.08) == [BOTH]
+    assert show(0.09) == ["WINDOW", "UI", "UI"]
+    assert show(0.08) == ["WINDOW", "UI"]
 
 
 def test_nothing_is_drawn_when_nothing_is_new(bake):

@@ -3,12 +3,12 @@
 import bpy
 import pytest
 
-from addon.engine.region_masks import Seen, masks, not_shown
-from addon.ui import solving
+from addon.engine.solve.region_masks import MaskSubject, masks, not_shown
+from addon.ui.solve import operators
 from fake_solve import FakeJob
 from helpers import add, add_material, add_quad, update
 
-VASE = Seen("OBJECT", "Vase")
+VASE = MaskSubject("OBJECT", "Vase")
 
 
 @pytest.fixture
@@ -107,12 +107,12 @@ def test_what_the_window_alone_hides_is_named(scene, vase, hide):
     material = add_material("Clay")[0]
     material.pass_index = vase.pass_index = 4
     vase.data.materials.append(material)
-    wanted = [VASE, Seen("MATERIAL", "Clay"), Seen("OBJECT_INDEX", 4), Seen("MATERIAL_INDEX", 4)]
+    wanted = [VASE, MaskSubject("MATERIAL", "Clay"), MaskSubject("OBJECT_INDEX", 4), MaskSubject("MATERIAL_INDEX", 4)]
     assert [not_shown(scene, seen) for seen in wanted] == [[]] * 4
     hide(scene, vase)
     update()
     assert [not_shown(scene, seen) for seen in wanted] == [["Vase"]] * 4 and count(scene) == 0
-    assert not_shown(scene, Seen("OBJECT", "Nobody")) == []
+    assert not_shown(scene, MaskSubject("OBJECT", "Nobody")) == []
     vase.hide_render = True
     assert not_shown(scene, VASE) == [], "it is in no render either"
 
@@ -137,7 +137,7 @@ def test_solving_for_a_part_says_so(baked):
     update()
     bpy.ops.relume.add_region(kind="MATERIAL")
     baked.relume_solve.regions[0].material = material
-    found = solving.begin(baked)
+    found = operators.begin(baked)
     while not FakeJob.made:
         found.step()
     assert "Only a part of material 'Clay' is looked at, since 'Other' is hidden in the view" in found.notes[-1]

@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.engine_name import address_of_engine, set_engine_unseen
-from addon.engine.render_depsgraph import MARK, ExportCancelled, RelumeExportEngine, with_render_depsgraph
-from addon.engine.scene import load_scene, load_scene_async, scene_of_depsgraph
+from addon.engine.reading.render_depsgraph import RelumeExportEngine, with_render_depsgraph
+from addon.engine.reading.scene import load_scene, load_scene_async, scene_of_depsgraph
 from addon.export import ExportError, ExportOptions
+from addon.export.stop import ExportCancelled
 from helpers import add_light, add_quad, render_cycles
 
 pytestmark = pytest.mark.every_version
@@ -32,60 +32,67 @@ def saved_picture(tmp_path):
     return pixels
 
 
-def test_the_users_render_stays(shot, tmp_path):
+def test_the_users_pictures_stay_in_their_slots(shot, registered_for_all_files, tmp_path):
     render_cycles(shot, samples=4)
-    before = saved_picture(tmp_path)
-    assert before.max() > 0.0
-    for _ in range(2):
-        load_scene(shot)
-        assert (saved_picture(tmp_path) == before).all()
     slots = bpy.data.images["Render Result"].render_slots
-    assert slots.active_index == 0 and len([slot for slot in slots if slot.name == "Relume"]) == 1
+    names = [slot.name for slot in slots]
+    first = saved_picture(tmp_path)
+    assert first.max() > 0.0
+    slots.active_index = 1
+    bpy.data.objects["Key"].data.energy *= 2.0
     render_cycles(shot, samples=4)
-    assert (saved_picture(tmp_path) == before).all()
+    second = saved_picture(tmp_path)
+    for shown, picture in ((1, second), (0, first), (1, second)):
+        slots.active_index = shown
+        load_scene(shot)
+        assert slots.active_index == shown and (saved_picture(tmp_path) == picture).all()
+    assert [slot.name for slot in slots] == names and not (first == second).all()
 
 
 def test_only_blenders_empty_picture_stays_where_nothing_was_rendered(shot):
-    before = settings_of(shot)
-    names = {image.name for image in bpy.data.images}
+    images, scenes = set(bpy.data.images.keys()), bpy.data.scenes.keys()
     for _ in range(2):
         load_scene(shot)
-    assert {image.name for image in bpy.data.images} == names | {"Render Result"}
-    assert bpy.data.images["Render Result"].render_slots.active_index == 0
-    assert settings_of(shot) == before
-    assert not RelumeExportEngine.is_registered
+    assert set(bpy.data.images.keys()) == images | {"Render Result"}
+    assert bpy.data.scenes.keys() == scenes and not RelumeExportEngine.is_registered
 
 
 def settings_of(scene):
-    """What is switched while a scene is read."""
+    """Settings in which the copy that is read differs from the scene."""
     render = scene.render
-    return render.engine, render.use_sequencer, render.use_compositing, render.use_freestyle
+    return render.engine, render.use_sequencer, render.use_compositing, render.use_freestyle, render.use_single_layer
 
 
-def test_a_file_that_is_saved_meanwhile_has_the_artists_settings(shot, registered_for_all_files, tmp_path):
+def test_the_scene_is_as_it_was_while_it_is_read(shot):
     before = settings_of(shot)
+    assert with_render_depsgraph(shot, lambda depsgraph, _stop: settings_of(shot)) == before
+    assert with_render_depsgraph(shot, lambda depsgraph, _stop: depsgraph.scene != shot)
+
+
+def test_a_file_that_is_saved_meanwhile_has_no_copy_of_the_scene(shot, registered_for_all_files, tmp_path):
     path = str(tmp_path / "saved.blend")
-
-    def save(_depsgraph, _stop):
-        bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
-        return settings_of(bpy.context.scene), list(shot.keys())
-
-    (engine, *_), _ = with_render_depsgraph(shot, save)
-    assert engine == "RELUME" and settings_of(shot) == before
-    with bpy.data.libraries.load(path) as (names, wanted):
-        wanted.scenes = names.scenes
-    assert settings_of(wanted.scenes[0]) == before and MARK not in wanted.scenes[0]
+    with_render_depsgraph(shot, lambda _depsgraph, _stop: bpy.ops.wm.save_as_mainfile(filepath=path, copy=True))
+    with bpy.data.libraries.load(path) as (names, _wanted):
+        assert names.scenes == [shot.name]
 
 
-def test_undo_does_not_bring_the_hidden_engine_back(shot, registered_for_all_files):
-    before = settings_of(shot)
+def test_undo_does_not_bring_the_copy_back(shot, registered_for_all_files):
+    scenes = bpy.data.scenes.keys()
     bpy.ops.ed.undo_push(message="before")
     with_render_depsgraph(shot, lambda _depsgraph, _stop: bpy.ops.ed.undo_push(message="while it is read"))
     bpy.context.scene.render.resolution_x = 77
     bpy.ops.ed.undo_push(message="after")
     bpy.ops.ed.undo()
     assert bpy.context.scene.render.resolution_x == 64
-    assert settings_of(bpy.context.scene) == before and MARK not in bpy.context.scene
+    assert bpy.data.scenes.keys() == scenes
+
+
+@pytest.mark.parametrize("layer", ["ViewLayer", "Second"])
+def test_the_first_layer_that_is_rendered_is_read(shot, layer):
+    shot.view_layers.new("Second")
+    shot.view_layers["ViewLayer"].use = layer == "ViewLayer"
+    assert with_render_depsgraph(shot, lambda depsgraph, _stop: depsgraph.view_layer.name) == layer
+    assert shot.view_layers["Second"].use
 
 
 def test_later_without_a_window_is_at_once_and_the_same(shot):
@@ -118,28 +125,3 @@ def test_the_engine_of_the_add_on_reads_and_renders(shot, registered):
     shot.render.engine = "RELUME"
     hashes.add(load_scene(shot).hash)
     assert len(hashes) == 1 and shot.render.engine == "RELUME" and not RelumeExportEngine.is_registered
-
-
-def values_of(settings):
-    """All numbers and words of a scene's render settings."""
-    names = (prop.identifier for prop in settings.bl_rna.properties if prop.type not in {"POINTER", "COLLECTION"})
-    return {name: repr(getattr(settings, name)) for name in names}
-
-
-def test_an_engine_is_set_unseen_and_nothing_else(scene):
-    scene.render.engine = "BLENDER_WORKBENCH"
-    of_workbench = values_of(scene.render)
-    scene.render.engine = "CYCLES"
-    of_cycles = values_of(scene.render)
-    for engine, values in 2 * (("BLENDER_WORKBENCH", of_workbench), ("CYCLES", of_cycles)):
-        set_engine_unseen(address_of_engine(scene), engine)
-        assert scene.render.engine == engine
-        assert values_of(scene.render) == values
-
-
-@pytest.mark.parametrize("name", ["CYCLES", "//pictures/CYCLES"])
-def test_an_engine_whose_name_is_elsewhere_too_is_not_found(scene, name):
-    scene.render.engine, scene.render.filepath = "CYCLES", name
-    assert address_of_engine(scene) is None
-    scene.render.filepath = "//pictures/"
-    assert address_of_engine(scene) is not None

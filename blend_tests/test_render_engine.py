@@ -13,13 +13,14 @@ import relume
 import addon
 from addon.commands import run
 from addon.core.pass_names import light_passes
-from addon.engine import background, render_engine
-from addon.engine.options import remember_bake
+from addon.engine import render_engine
+from addon.engine.reading.scene import load_scene
 from addon.engine.render_engine import ALBEDO_HERE
-from addon.engine.scene import load_scene
+from addon.engine.shot import background
+from addon.engine.shot.options import remember_bake
 from addon.export.camera import film_border
+from addon.live import rows
 from addon.ui import render as ui
-from addon.ui import rows
 from addon.viewport import rendered
 from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
@@ -330,7 +331,7 @@ def test_each_instance_of_a_light_has_a_socket_where_it_is_known(shot, tmp_path,
         empty.location = (place, 0.0, 2.0)
     passes = render(shot, tmp_path)
     known = SimpleNamespace(lights=SimpleNamespace(descriptions=json.loads(load_scene(shot).lights())))
-    monkeypatch.setattr(ui.shot, "of", lambda _scene: known)
+    monkeypatch.setattr(ui.shots, "of", lambda _scene: known)
     names = []
     engine = SimpleNamespace(register_pass=lambda _scene, _layer, name, *_rest: names.append(name))
     ui.RelumeRenderEngine.update_render_passes(engine, shot, bpy.context.view_layer)

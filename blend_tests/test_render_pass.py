@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from addon.core.pass_names import only
-from addon.engine import shot
-from addon.ui import handlers, render_pass
+from addon.engine.shot import shot
+from addon.live.scheduler import scheduler
+from addon.ui import render_pass
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add_light, add_quad, add_world, row, settled, until, update
@@ -42,14 +43,14 @@ def two(lit):
     live = FakeLive.made[-1]
     live.tell(samples=4, state="ready")
     live.show()
-    handlers.tick()
+    scheduler.tick()
     return lit, live
 
 
 def answer(live, **picture):
     """The native module makes the picture of the newest request, and the add-on takes it."""
     live.show(serial=live.newest.serial + 1, **picture)
-    handlers.tick()
+    scheduler.tick()
     return live.newest
 
 
@@ -57,7 +58,7 @@ def test_a_pass_is_asked_for_when_the_picture_is_there_and_the_picture_again_aft
     scene, live = two
     found, whole, asked = shot.of(scene), live.newest, len(live.requests)
     show(scene, "Combined_Rim_001")
-    handlers.tick()
+    scheduler.tick()
     assert shining(live.requests[-1]) == {"Rim.001"} and found.is_busy
     assert found.picture_of("Combined_Rim_001") is whole, "until it comes"
     rim = answer(live, samples=1)
@@ -68,14 +69,14 @@ def test_a_pass_is_asked_for_when_the_picture_is_there_and_the_picture_again_aft
     again = answer(live)
     assert found.picture is again and found.picture_of("Combined_Rim_001") is rim
     for _ in range(3):
-        handlers.tick()
+        scheduler.tick()
     assert len(live.requests) == asked + 2 and not found.is_busy, "there is nothing left to do"
 
 
 def test_the_pass_follows_edits_and_rows(two):
     scene, live = two
     show(scene, "Combined_Key")
-    handlers.tick()
+    scheduler.tick()
     answer(live)
     answer(live)
     row(scene, "Key").exposure = 1.0
@@ -88,8 +89,8 @@ def test_an_answer_that_was_overtaken_is_not_waited_for(two):
     scene, live = two
     found = shot.of(scene)
     show(scene, "Combined_Key")
-    handlers.tick()
-    handlers._resting.clear()
+    scheduler.tick()
+    scheduler.settling.clear()
     bpy.data.lights["Key"].energy = 5.0
     update()
     assert shining(live.requests[-1]) == WHOLE
@@ -104,33 +105,33 @@ def test_no_pass_is_asked_for_while_paths_are_traced(two):
     """They look for the lights of the newest request."""
     scene, live = two
     live.tell(state="baking")
-    handlers.tick()
+    scheduler.tick()
     asked = len(live.requests)
     show(scene, "Combined_Key")
     answer(live)
     assert len(live.requests) == asked and shot.of(scene).is_tracing
     live.tell(state="training")
-    handlers.tick()
-    handlers.tick()
+    scheduler.tick()
+    scheduler.tick()
     assert shining(live.requests[-1]) == {"Key"}
 
 
 def test_what_surfaces_are_is_asked_for_once_for_all_lights(two):
     scene, live = two
     show(scene, "Normal")
-    handlers.tick()
+    scheduler.tick()
     assert live.requests[-1]["aov"] == "normal"
     normal = answer(live)
     answer(live)
     row(scene, "Key").exposure = 1.0
     answer(live)
-    handlers._resting.clear()
-    handlers.changed(scene)
+    scheduler.settling.clear()
+    scheduler.request_picture(scene)
     answer(live)
     assert shot.of(scene).picture_of("Normal") is normal
     assert [request.get("aov") for request in live.requests].count("normal") == 1
     live.tell(samples=8)
-    handlers.tick()
+    scheduler.tick()
     assert live.requests[-1]["aov"] == "normal", "more paths know it better"
 
 
@@ -140,7 +141,7 @@ def test_without_its_light_the_view_shows_the_whole_picture(two, how):
     found = shot.of(scene)
     show(scene, "Combined_Key")
     assert view().relume.render_pass == "Combined_Key"
-    handlers.tick()
+    scheduler.tick()
     answer(live)
     answer(live)
     if how == "renamed":
@@ -148,9 +149,9 @@ def test_without_its_light_the_view_shows_the_whole_picture(two, how):
     else:
         bpy.data.objects.remove(scene.objects["Key"])
     update()
-    handlers.changed(scene)
+    scheduler.request_picture(scene)
     answer(live)
-    handlers.tick()
+    scheduler.tick()
     assert shining(live.requests[-1]) >= {"Rim.001", "static"}, "nothing is asked for that is not there"
     assert found.picture_of("Combined_Key") is found.picture
     assert view().relume.render_pass == "Combined"
@@ -192,7 +193,7 @@ def test_surfaces_of_a_real_bake_are_those_of_final_renders(studio):
     shown = {}
     for name in ("Normal", "Diffuse Color", "Depth"):
         show(studio, name)
-        handlers.tick()
+        scheduler.tick()
         found = until(studio, settled, name)
         assert found.picture is not found.picture_of(name)
         assert np.abs(found.picture.image - whole).max() < 1e-5 * whole.max()
@@ -216,7 +217,7 @@ def test_passes_of_a_real_bake_add_up_and_leave_the_picture_alone(studio):
     for name in ("Combined_Key", "Combined_Rim", "world", "static"):
         show(studio, name)
         # Nothing is under way yet when the view changes: the timer is what asks.
-        handlers.tick()
+        scheduler.tick()
         found = until(studio, settled, name)
         assert found.picture_of(name) is not found.picture
         assert np.abs(found.picture.image - whole).max() < 1e-5 * whole.max()

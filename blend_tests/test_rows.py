@@ -21,6 +21,7 @@ def gains(rows, groups=(), memberships=None):
 def test_neutral_rows_change_nothing():
     assert mix([Row("Key"), *REST], [], {}) == {"gains": {"Key": WHITE}, "world": WHITE, "static": WHITE}
     assert is_neutral(Row("Key")) and not is_neutral(Row("Key", exposure=0.1))
+    assert is_neutral(Row("World", color=(1.0, 1.0 - 2.0**-24, 1.0))), "as the solver leaves it"
     assert not is_neutral(Row("Key", on=False)) and not is_neutral(Row("Key", solo=True))
 
 

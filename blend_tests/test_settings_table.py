@@ -6,7 +6,7 @@ import bpy
 import pytest
 from settings_table import TABLE
 
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
 from helpers import add_light, add_material, add_quad, compositor
 

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine import shape_fingerprints
+from addon.engine.staleness import shape_fingerprints
 from addon.export.arrays import LAYOUTS
 from helpers import add_quad
 

@@ -10,8 +10,11 @@ from solve_steps import LINE, begin, finish, state_of, target_image
 
 import addon
 from addon.core.solve import SolveError
-from addon.engine import shot
-from addon.ui import locks, looks, solve_operators, solve_panel, solving
+from addon.engine.shot import shot
+from addon.engine.solve import solving
+from addon.engine.solve.request import free_parameters
+from addon.ui import looks
+from addon.ui.solve import operators, panel
 from fake_live import FakeLive
 from fake_solve import FakeJob, light
 from helpers import add, row, update
@@ -47,19 +50,19 @@ def test_colours_are_free_where_a_goal_is_about_colour(painted):
 
 def test_strength_and_colour_are_free_at_first_and_the_world_is_not(painted):
     painted.world = bpy.data.worlds.new("Sky")
-    assert locks.free(painted, ["Key", "Fill"]) == (
+    assert free_parameters(painted, ["Key", "Fill"]) == (
         {"Key": ["color", "strength"], "Fill": ["color", "strength"], "world": []},
         [],
     )
     painted.relume_solve.world_strength = True
-    assert locks.free(painted, [])[0] == {"world": ["strength"]}
+    assert free_parameters(painted, [])[0] == {"world": ["strength"]}
 
 
 def test_a_type_of_light_is_not_asked_to_change_what_it_does_not_have(painted):
     for name in ("Key", "Fill"):
         for move in ("position", "direction", "size", "cone"):
             setattr(row(painted, name).locks, move, True)
-    free = locks.free(painted, ["Key", "Fill"])[0]
+    free = free_parameters(painted, ["Key", "Fill"])[0]
     assert free["Key"] == ["position", "direction", "size", "color", "strength"]
     assert free["Fill"] == ["position", "size", "color", "strength"]
 
@@ -101,7 +104,7 @@ def hung(scene):
 @pytest.mark.parametrize("spoil", [driven, constrained, shared, fixture, hung])
 def test_what_could_not_be_written_stays_locked_and_is_said(painted, spoil):
     wanted, says = spoil(painted)
-    free, notes = locks.free(painted, ["Key", "Fill"])
+    free, notes = free_parameters(painted, ["Key", "Fill"])
     assert free["Key"] == wanted and says in notes
 
 
@@ -111,7 +114,7 @@ def test_what_hangs_on_a_light_and_does_no_harm_locks_nothing(painted):
     for child in (helper, add(painted, "Arm", None), bpy.data.objects["Fill"]):
         child.parent = bpy.data.objects["Key"]
     row(painted, "Key").locks.position = True
-    assert locks.free(painted, ["Key"]) == ({"Key": ["position", "color", "strength"], "world": []}, [])
+    assert free_parameters(painted, ["Key"]) == ({"Key": ["position", "color", "strength"], "world": []}, [])
 
 
 def test_lights_shown_by_instances_stay_locked(painted):
@@ -121,7 +124,7 @@ def test_lights_shown_by_instances_stay_locked(painted):
     empty = add(painted, "Rig", None)
     empty.instance_type, empty.instance_collection = "COLLECTION", rig
     update()
-    free, notes = locks.free(painted, ["Key", "Bulb"])
+    free, notes = free_parameters(painted, ["Key", "Bulb"])
     assert free["Bulb"] == [] and free["Key"] and "light 'Bulb' is shown by instances: that stays as it is" in notes
 
 
@@ -195,8 +198,8 @@ def test_the_panel_shows_the_numbers_of_limits_that_are_on(painted):
     def shown():
         layout = MagicMock()
         layout.row.return_value = layout
-        panel = solve_panel.RELUME_PT_solve_own_limits
-        panel.draw(SimpleNamespace(layout=layout), SimpleNamespace(scene=painted))
+        limits_panel = panel.RELUME_PT_solve_own_limits
+        limits_panel.draw(SimpleNamespace(layout=layout), SimpleNamespace(scene=painted))
         assert all(call.args[0] == key for call in layout.prop.call_args_list)
         return [call.args[1] for call in layout.prop.call_args_list]
 
@@ -368,8 +371,8 @@ def test_previews_go_to_the_picture_and_never_to_lights(painted):
 def test_only_one_is_solved_at_a_time(painted):
     found, _job = begin(painted)
     with pytest.raises(SolveError, match="already"):
-        solving.begin(painted)
-    assert not solve_operators.RELUME_OT_solve.poll(bpy.context)
+        operators.begin(painted)
+    assert not operators.RELUME_OT_solve.poll(bpy.context)
     assert bpy.ops.relume.cancel_solve() == {"FINISHED"}
     assert found.shot.is_open and solving.running(painted) is None
 
@@ -380,7 +383,7 @@ def test_it_goes_on_while_another_scene_is_shown(painted):
     bpy.context.window.scene = bpy.data.scenes.new("Other")
     event = SimpleNamespace(type="TIMER", value="NOTHING")
     job.reports.append({"stage": "polish", "done": 1, "total": 2, "remaining_s": None})
-    assert solve_operators.RELUME_OT_solve.modal(operator, bpy.context, event) == {"PASS_THROUGH"}
+    assert operators.RELUME_OT_solve.modal(operator, bpy.context, event) == {"PASS_THROUGH"}
     assert found.progress == (0.5, "Polishing, 50 %") and found.is_running
     found.cancel()
     assert not found.is_running
@@ -389,7 +392,7 @@ def test_it_goes_on_while_another_scene_is_shown(painted):
 def test_objects_are_not_looked_for_in_another_scene(painted):
     bpy.ops.relume.add_region(kind="OBJECT")
     painted.relume_solve.regions[0].object = bpy.data.objects["Plane"]
-    found = solving.begin(painted)
+    found = operators.begin(painted)
     bpy.context.window.scene = bpy.data.scenes.new("Other")
     with pytest.raises(SolveError, match="go back to it"):
         finish(found)

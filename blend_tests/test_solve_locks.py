@@ -9,7 +9,10 @@ from solve_steps import begin
 
 from addon.core.rows import GROUP, STATIC, WORLD
 from addon.core.solve import SolveError
-from addon.ui import locks, mixer, rows
+from addon.engine.solve.request import free_parameters
+from addon.live import rows
+from addon.ui import mixer
+from addon.ui.solve import locks
 from helpers import add_light, instance_linked_light, row, update
 
 PARAMETERS = ["position", "direction", "size", "color", "strength"]
@@ -57,7 +60,7 @@ def test_a_locked_light_is_not_solved_and_keeps_what_was_free_of_it(painted):
     assert list(job.request["free"]) == ["Fill"]
     found.cancel()
     key.locked = False
-    assert locks.free(painted, ["Key"])[0]["Key"] == ["position", "strength"]
+    assert free_parameters(painted, ["Key"])[0]["Key"] == ["position", "strength"]
 
 
 def test_a_light_of_which_everything_is_locked_is_locked(painted):
@@ -66,7 +69,7 @@ def test_a_light_of_which_everything_is_locked_is_locked(painted):
     assert key.locked and lock_of(painted, row(painted, "Key"))[2] == "LOCKED"
     assert parameters_of(painted, row(painted, "Key")) == (PARAMETERS, True), "they can be unlocked one by one"
     key.locked = False
-    assert locks.free(painted, ["Key"])[0]["Key"] == ["color", "strength"], "what is free at first"
+    assert free_parameters(painted, ["Key"])[0]["Key"] == ["color", "strength"], "what is free at first"
 
 
 def test_parameters_of_a_locked_light_wait_for_its_lock(painted):
@@ -86,12 +89,12 @@ def test_the_world_has_a_lock_too(sky):
     assert lock_of(sky, item) == (settings, "world_locked", "LOCKED")
     settings.world_locked = False
     assert lock_of(sky, item)[2] == "UNLOCKED"
-    assert locks.free(sky, [])[0] == {"world": ["color", "strength"]}
+    assert free_parameters(sky, [])[0] == {"world": ["color", "strength"]}
     settings.world_color = False
     assert lock_of(sky, item)[2] == locks.PARTLY
     assert parameters_of(sky, item) == (["world_color", "world_strength"], True)
     settings.world_locked = True
-    assert locks.free(sky, [])[0] == {"world": []}
+    assert free_parameters(sky, [])[0] == {"world": []}
 
 
 def test_what_cannot_be_solved_has_no_lock(painted):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from addon.core.rows import GROUP, STATIC, WORLD, Row, freed, mix
-from addon.core.solve import Wish, request, solved
+from addon.core.solve import SolveOptions, request, solved
 
 
 def gains(found, memberships):
@@ -44,7 +44,7 @@ def candle(color, is_free=True):
     light = {"name": "Candle", "color": [1.0, 1.0, 1.0], "temperature_color": [1.0, 0.4, 0.0]}
     shown = {"lights": [light], "gains": {}, "world": [1.0] * 3, "static": [1.0] * 3}
     free = {"Candle": ["color", "strength"] if is_free else ["strength"]}
-    asked = request(shown, Wish(free, [{"goal": "cooler"}]))["lights"]
+    asked = request(shown, SolveOptions(free, [{"goal": "cooler"}]))["lights"]
     matrix = [[1.0, 0.0, 0.0, 0.0]] * 4
     state = {"name": "Candle", "settings": {"color": [1.0] * 3, "energy": 5.0, "use_temperature": True}}
     answer = {"changed": ["Candle"], "removed": []}

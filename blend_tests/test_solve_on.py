@@ -9,8 +9,10 @@ import pytest
 
 from addon.core.solve import SolveError, moved_out_of_sight, samples_towards
 from addon.core.status import out_of_sight
-from addon.engine import new_paths, shot, solve
-from addon.ui import solving
+from addon.engine.shot import shot
+from addon.engine.solve import handle as solve
+from addon.engine.solve import new_paths
+from addon.ui.solve import operators
 from addon.ui.start import start
 from helpers import add_world, settled, until
 
@@ -139,7 +141,7 @@ def test_what_keeps_new_paths_from_being_traced_loses_no_answer(shown, asked):
 
 def test_cancelling_leaves_nothing_behind(shown, asked):
     energy, place = bpy.data.lights["Key"].energy, tuple(bpy.data.objects["Key"].location)
-    found = solving.begin(shown)
+    found = operators.begin(shown)
     until(shown, lambda _: found.step() and len(asked) == 2, "the second part")
     assert asked[1][1].exists()
     found.cancel()

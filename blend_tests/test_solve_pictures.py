@@ -6,8 +6,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.pictures import Reading
-from addon.export.target import read_mask, read_target, taken
+from addon.engine.workers.pictures import Reading
+from addon.export.target import pixels_of, read_mask, read_target
 
 SIZE = (64, 48)
 
@@ -44,7 +44,7 @@ def test_a_file_is_read_without_opening_it_here(scene, tmp_path, view):
     image = saved(tmp_path / "target.png")
     reading = read(scene, image)
     assert not image.has_data and reading.error == ""
-    pixels, words, is_doubtful = read_target(scene, taken(image), "AUTO", SIZE)
+    pixels, words, is_doubtful = read_target(scene, pixels_of(image), "AUTO", SIZE)
     assert np.allclose(reading.found.pixels, pixels, rtol=1e-5, atol=1e-6)
     assert (reading.found.words, reading.found.is_doubtful) == (words, is_doubtful)
 
@@ -76,7 +76,7 @@ def test_a_view_that_cannot_be_undone_is_said_by_the_other_blender_too(scene, tm
 def test_a_mask_is_read(scene, tmp_path):
     image = saved(tmp_path / "mask.png")
     found = read(scene, image, colors=None).found
-    assert found.pixels.shape == (48, 64, 1) and np.allclose(found.pixels, read_mask(taken(image), SIZE))
+    assert found.pixels.shape == (48, 64, 1) and np.allclose(found.pixels, read_mask(pixels_of(image), SIZE))
 
 
 def missing(image, _path):

@@ -8,8 +8,10 @@ import relume
 from solve_steps import LINE, read, state_of, target_image
 
 from addon.core.solve import SolveError
-from addon.engine import shot
-from addon.ui import handlers, solving, target
+from addon.engine.shot import shot
+from addon.engine.solve import solving
+from addon.engine.solve.target_image import awaited, picture_size, reading_of
+from addon.live.scheduler import scheduler
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
 from fake_solve import FakeJob
@@ -22,7 +24,7 @@ def no_bake(scene):
 
 def no_picture(scene):
     FakeLive.made[-1].tell(samples=0)
-    handlers.tick()
+    scheduler.tick()
     return "Wait for the first picture"
 
 
@@ -113,10 +115,10 @@ def test_a_target_that_does_not_fit_is_said(baked, tmp_path):
         (tmp_path / "broken.png").write_bytes(b"no picture")
         assert bpy.ops.relume.load_target(filepath=str(tmp_path / name)) == {"FINISHED"}
         with pytest.raises(SolveError, match=says):
-            read(target.awaited(baked))
-        assert says in target.reading_of(baked).error, "the panel says it"
+            read(awaited(baked))
+        assert says in reading_of(baked).error, "the panel says it"
     bpy.ops.relume.clear_target()
-    assert target.reading_of(baked) is None
+    assert reading_of(baked) is None
     with pytest.raises(RuntimeError, match="cannot be opened"):
         bpy.ops.relume.load_target(filepath=str(tmp_path / "none.png"))
     assert baked.relume_solve.target is None
@@ -139,7 +141,7 @@ def test_the_size_of_targets_is_that_of_the_bake(baked):
     folder = shot.of(baked).folder
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "manifest.json").write_text(json.dumps({"width": 640, "height": 480}))
-    assert target.picture_size(baked) == (640, 480)
+    assert picture_size(baked) == (640, 480)
     (folder / "manifest.json").write_text("{")
     baked.render.resolution_percentage = 50
-    assert target.picture_size(baked) == (32, 24)
+    assert picture_size(baked) == (32, 24)

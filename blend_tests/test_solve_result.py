@@ -11,8 +11,10 @@ from addon.apply.writable import RefusedError
 from addon.core.looks import from_json
 from addon.core.rows import WORLD
 from addon.core.solve import SolveError
-from addon.ui import looks, rows, solving
-from addon.ui.solve_settings import strokes_of
+from addon.engine.solve.request import strokes_of
+from addon.live import rows
+from addon.ui import looks
+from addon.ui.solve import operators, results
 from addon.viewport import compare as pairs
 from fake_solve import light
 from helpers import add_quad, add_world, row, update
@@ -88,7 +90,7 @@ def test_what_was_applied_is_not_asked_for_again(painted):
     assert strokes_of(painted) == () and len(settings.regions) == 0
     assert json.loads(settings.report)["applied"] is True
     with pytest.raises(SolveError, match="Say what the picture should do"):
-        finish(solving.begin(painted))
+        finish(operators.begin(painted))
 
 
 def test_applying_twice_makes_new_lights_once(painted):
@@ -116,7 +118,7 @@ def test_what_cannot_be_written_is_refused_and_no_light_is_made(painted):
     with pytest.raises(RuntimeError, match="Nothing was written: light 'Key' has a driver on its energy"):
         bpy.ops.relume.apply_solved()
     with pytest.raises(RefusedError):
-        solving.apply(painted, looks.active_look(painted))
+        results.apply(painted, looks.active_look(painted))
     assert state_of(painted) == before and "Relume" not in bpy.data.collections
 
 
@@ -153,9 +155,9 @@ def light_of_world(scene):
 
 
 def test_a_solved_world_is_in_its_row_and_that_is_said(solved_world):
-    assert solving.apply(solved_world, looks.active_look(solved_world)) == [solving.WORLD_STAYS]
+    assert results.apply(solved_world, looks.active_look(solved_world)) == [results.WORLD_STAYS]
     assert np.allclose(row(solved_world, "World", WORLD).values().gain(), [0.5, 0.25, 0.25])
-    assert json.loads(solved_world.relume_solve.report)["notes"] == [solving.WORLD_STAYS], "the panel says so, too"
+    assert json.loads(solved_world.relume_solve.report)["notes"] == [results.WORLD_STAYS], "the panel says so, too"
 
 
 def test_apply_to_lights_writes_a_solved_world(solved_world):
@@ -172,11 +174,11 @@ def test_a_solved_look_is_the_same_however_often_it_is_applied(solved_world):
         bpy.ops.relume.apply_solved()
     assert np.array_equal(light_of_world(solved_world), before)
     assert np.allclose(row(solved_world, "World", WORLD).values().gain(), [0.5, 0.25, 0.25])
-    assert json.loads(solved_world.relume_solve.report)["notes"] == [solving.WORLD_STAYS]
+    assert json.loads(solved_world.relume_solve.report)["notes"] == [results.WORLD_STAYS]
 
 
 def test_nothing_is_said_of_a_world_that_was_not_solved(painted):
     painted.world = bpy.data.worlds.new("Sky")
     rows.sync(painted)
     solve(painted, changed=[light("Key", "AREA")])
-    assert solving.apply(painted, looks.active_look(painted)) == []
+    assert results.apply(painted, looks.active_look(painted)) == []

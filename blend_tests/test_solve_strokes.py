@@ -23,8 +23,8 @@ from addon.core.strokes import (
     thinned,
     to_json,
 )
-from addon.ui import solve_settings
-from addon.ui.solve_settings import strokes_of
+from addon.engine.solve import request
+from addon.engine.solve.request import strokes_of
 from addon.viewport import strokes as drawing
 from addon.viewport.camera_frame import Rectangle
 
@@ -47,13 +47,13 @@ def stroke(goal=BRIGHTER, amount=1.0, points=LINE, radius=0.1, strength=1.0, col
 
 def test_strokes_are_parsed_once(monkeypatch):
     parsed = []
-    monkeypatch.setattr(solve_settings.core, "from_json", lambda text: parsed.append(text) or ())
-    solve_settings._strokes_in.cache_clear()
+    monkeypatch.setattr(request.core_strokes, "from_json", lambda text: parsed.append(text) or ())
+    request._strokes_in.cache_clear()
     painted = SimpleNamespace(relume_solve=SimpleNamespace(strokes="[]"))
     for _ in range(3):
         strokes_of(painted)
     assert len(parsed) == 1
-    solve_settings._strokes_in.cache_clear()
+    request._strokes_in.cache_clear()
 
 
 def test_text_brings_strokes_back():

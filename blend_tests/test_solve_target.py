@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.engine.region_masks import Seen, masks
-from addon.export.target import TargetError, from_srgb, read_mask, read_target, resized, taken, to_srgb
+from addon.engine.solve.region_masks import MaskSubject, masks
+from addon.export.target import TargetError, from_srgb, pixels_of, read_mask, read_target, resized, to_srgb
 from addon.export.view_transform import displayed
 from helpers import add, add_material, add_quad
 
@@ -39,7 +39,7 @@ def test_what_the_scene_displays_is_turned_back_into_light(scene, view, settings
         setattr(scene.view_settings, name, value)
     linear = light(high=-2.0) if view == "Standard" else light()
     shown = displayed(scene, linear[::-1])[::-1]
-    found, words, is_doubtful = read_target(scene, taken(image_of(shown)), "AUTO", SIZE)
+    found, words, is_doubtful = read_target(scene, pixels_of(image_of(shown)), "AUTO", SIZE)
     assert words == f"Target read as this scene displays it ({view})" and not is_doubtful
     again = displayed(scene, found[::-1])[::-1]
     # Eight bits of the image, and the size of Blender's own table of AgX.
@@ -53,7 +53,7 @@ def test_a_view_that_cannot_be_undone_is_said(scene, change):
     scene.view_settings.view_transform = "AgX"
     for name, value in change.items():
         setattr(scene.view_settings, name, value)
-    found, words, is_doubtful = read_target(scene, taken(image_of(np.full((48, 64, 3), 0.5))), "AUTO", SIZE)
+    found, words, is_doubtful = read_target(scene, pixels_of(image_of(np.full((48, 64, 3), 0.5))), "AUTO", SIZE)
     assert is_doubtful and "plain sRGB" in words and "cannot be undone" in words
     assert np.allclose(found, from_srgb(np.array(128 / 255)), atol=2e-3)
 
@@ -61,10 +61,10 @@ def test_a_view_that_cannot_be_undone_is_said(scene, change):
 def test_float_images_are_light_and_eight_bits_can_be_told_to_be(scene):
     scene.view_settings.view_transform = "AgX"
     linear = light()
-    found, words, _ = read_target(scene, taken(image_of(linear, is_float=True)), "AUTO", SIZE)
+    found, words, _ = read_target(scene, pixels_of(image_of(linear, is_float=True)), "AUTO", SIZE)
     assert np.allclose(found, linear) and "scene-linear" in words
     grey = image_of(np.full((48, 64, 3), 0.5))
-    plain, words, _ = read_target(scene, taken(grey), "SRGB", SIZE)
+    plain, words, _ = read_target(scene, pixels_of(grey), "SRGB", SIZE)
     assert "plain sRGB" in words and np.allclose(plain, from_srgb(np.array(128 / 255)), atol=2e-3)
 
 
@@ -74,7 +74,7 @@ def test_sixteen_bit_files_are_as_displayed(scene, tmp_path):
     output.file_format, output.color_depth = "PNG", "16"
     linear = light(high=-2.0)
     image_of(linear, is_float=True).save_render(str(tmp_path / "target.png"), scene=scene)
-    found, words, _ = read_target(scene, taken(bpy.data.images.load(str(tmp_path / "target.png"))), "AUTO", SIZE)
+    found, words, _ = read_target(scene, pixels_of(bpy.data.images.load(str(tmp_path / "target.png"))), "AUTO", SIZE)
     assert "displays" in words and np.allclose(found, linear, rtol=1e-2, atol=1e-3)
 
 
@@ -108,7 +108,7 @@ def nan_pixel(pixels):
 )
 def test_bad_targets_are_refused_in_one_line(scene, pixels, says):
     with pytest.raises(TargetError, match=says):
-        read_target(scene, taken(image_of(pixels, is_float=True)), "AUTO", SIZE)
+        read_target(scene, pixels_of(image_of(pixels, is_float=True)), "AUTO", SIZE)
 
 
 def test_a_missing_file_is_refused(scene, tmp_path):
@@ -116,16 +116,16 @@ def test_a_missing_file_is_refused(scene, tmp_path):
     image.source, image.filepath = "FILE", str(tmp_path / "gone.png")
     image.reload()
     with pytest.raises(TargetError, match="is its file still there"):
-        read_target(scene, taken(image), "AUTO", SIZE)
+        read_target(scene, pixels_of(image), "AUTO", SIZE)
 
 
 def test_a_mask_is_white_times_alpha(scene):
     pixels = np.zeros((96, 128, 4))
     pixels[:48, :, :3], pixels[..., 3] = 1.0, 0.5
-    mask = read_mask(taken(image_of(pixels, is_float=True)), SIZE)
+    mask = read_mask(pixels_of(image_of(pixels, is_float=True)), SIZE)
     assert mask.shape == (48, 64, 1) and np.allclose(mask[:24], 0.5) and not mask[24:].any()
     with pytest.raises(TargetError, match="all black"):
-        read_mask(taken(image_of(np.zeros((48, 64, 3)))), SIZE)
+        read_mask(pixels_of(image_of(np.zeros((48, 64, 3)))), SIZE)
 
 
 def all_masks(scene, *wanted):
@@ -149,7 +149,11 @@ def test_objects_and_materials_are_seen_where_they_are(scene, kind):
     right.location, right.pass_index = (1.0, -0.5, 0.0), 7
     bpy.context.view_layer.update()
     seen = all_masks(
-        scene, Seen("OBJECT", "Left"), Seen("OBJECT_INDEX", 7), Seen("MATERIAL", "Red"), Seen("MATERIAL_INDEX", 3)
+        scene,
+        MaskSubject("OBJECT", "Left"),
+        MaskSubject("OBJECT_INDEX", 7),
+        MaskSubject("MATERIAL", "Red"),
+        MaskSubject("MATERIAL_INDEX", 3),
     )
     height, width = seen[0].shape
     places = [np.argwhere(mask).mean(axis=0) / (height, width) for mask in seen]
@@ -162,8 +166,8 @@ def test_objects_and_materials_are_seen_where_they_are(scene, kind):
 
 
 def test_what_is_not_seen_has_an_empty_mask(scene):
-    (mask,) = all_masks(scene, Seen("OBJECT", "Nobody"))
-    assert not mask.any() and str(Seen("OBJECT_INDEX", 7)) == "object index 7"
+    (mask,) = all_masks(scene, MaskSubject("OBJECT", "Nobody"))
+    assert not mask.any() and str(MaskSubject("OBJECT_INDEX", 7)) == "object index 7"
 
 
 def test_without_a_target_there_is_nothing_to_compare(baked):

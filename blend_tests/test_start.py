@@ -9,9 +9,9 @@ import bpy
 import pytest
 
 import addon
-from addon.engine import checks, shot
-from addon.engine.checks import ProblemError
-from addon.ui import handlers
+from addon.engine.shot import checks, shot
+from addon.engine.shot.checks import ProblemError
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 
@@ -44,14 +44,14 @@ def test_rebake_asks_for_paths_that_look_for_moved_lights(lit):
 
 def test_pause_and_cancel_reach_the_native_module(lit):
     found = start(lit)
-    handlers.tick()
+    scheduler.tick()
     assert bpy.ops.relume.pause() == {"FINISHED"}
-    handlers.tick()
+    scheduler.tick()
     assert found.status["paused"] and bpy.ops.relume.pause() == {"FINISHED"}
-    handlers.tick()
+    scheduler.tick()
     assert not found.status["paused"]
     assert bpy.ops.relume.cancel() == {"FINISHED"}
-    handlers.tick()
+    scheduler.tick()
     assert found.status["state"] == "cancelled"
 
 
@@ -82,7 +82,7 @@ def fails_with(number):
         def refuse(**_options):
             raise OSError(number, os.strerror(number))
 
-        monkeypatch.setattr("addon.engine.checks.tempfile.TemporaryFile", refuse)
+        monkeypatch.setattr("addon.engine.shot.checks.tempfile.TemporaryFile", refuse)
         return {errno.ENOSPC: "disk is full", errno.EROFS: "read-only", errno.EACCES: "read-only"}[number]
 
     return mistake

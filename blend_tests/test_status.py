@@ -4,7 +4,7 @@ import pytest
 
 from addon.core import status, words
 from addon.core.eta import Eta, EtaEstimator
-from addon.engine.shot import EMPTY
+from addon.engine.shot.shot import EMPTY
 from addon.ui.panel import lines
 
 

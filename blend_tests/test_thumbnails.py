@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from addon.ui import handlers, looks, thumbnails
+from addon.live.scheduler import scheduler
+from addon.ui import looks, thumbnails
 from addon.ui.start import start
 from addon.viewport import view_table
 from fake_live import FakeLive
@@ -17,7 +18,7 @@ def test_a_thumbnail_is_the_picture_under_the_scenes_view(rigged):
     image = np.ones((300, 480, 4), np.float32)
     image[150:, :, 0] = 4.0  # The upper half is red.
     live.newest.image = image
-    handlers.tick()
+    scheduler.tick()
     entry = looks.snapshot(rigged)
     pixels = thumbnails.decode(entry.thumbnail)
     assert pixels.shape == (100, 160, 3)

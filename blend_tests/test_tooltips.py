@@ -73,19 +73,3 @@ def test_operators_properties_and_menu_items_have_tooltips(registered):
     for owner, item in added_properties():
         missing += without_words(owner, item)
     assert missing == [], "\n".join(missing)
-
-
-@pytest.mark.parametrize("description", ["", "Says something"])
-def test_a_missing_tooltip_is_found(registered, description):
-    choices = [("A", "A", "Choice A"), ("B", "B", description)]
-    annotations = {
-        "number": bpy.props.IntProperty(description=description),
-        "choice": bpy.props.EnumProperty(items=choices, description="A choice"),
-    }
-    kind = type("RelumeProbe", (bpy.types.PropertyGroup,), {"__annotations__": annotations})
-    bpy.utils.register_class(kind)
-    try:
-        found = [words for item in own_properties(kind) for words in without_words("Probe", item)]
-    finally:
-        bpy.utils.unregister_class(kind)
-    assert found == ([] if description else ["Probe.number", "Probe.choice: B"])

@@ -3,8 +3,10 @@
 import bpy
 import pytest
 
-from addon.engine import background, unsaved_images, verify
-from addon.engine.process import NoCopyError, SavedCopy
+from addon.engine.cycles import verify
+from addon.engine.shot import background
+from addon.engine.workers import unsaved_images
+from addon.engine.workers.process import NoCopyError, SavedCopy
 from helpers import add, add_material, add_quad, add_world
 
 pytestmark = pytest.mark.every_version
@@ -84,7 +86,7 @@ def test_what_no_render_shows_may_be_painted(scene, image, use):
 
 def test_it_is_said_where_work_begins(lit, image):
     lit.objects["Plane"].data.materials.append(material_of(image))
-    frame = verify.Picture(None)
+    frame = verify.ImageFrame(None)
     with pytest.raises(NoCopyError, match="Poster"):
         verify.Verification(lit, frame, "Camera", 8, {})
     with pytest.raises(RuntimeError, match="image 'Poster' was painted and not saved"):

@@ -13,10 +13,11 @@ import pytest
 
 import addon
 from addon.core import metrics
-from addon.engine import process, verify
-from addon.engine.cycles_mix import write_mix
-from addon.engine.cycles_reference import JOB
-from addon.engine.verify import Picture, VerifyError
+from addon.engine.cycles import verify
+from addon.engine.cycles.mix import write_mix
+from addon.engine.cycles.reference import JOB
+from addon.engine.cycles.verify import ImageFrame, VerifyError
+from addon.engine.workers import process
 from addon.ui import panel
 from addon.ui import verify as ui
 from addon.viewport import compare
@@ -56,7 +57,7 @@ def shot(scene):
 def picture(scene, samples=64):
     """Cycles' own, as a frame."""
     pixels = render_cycles(scene, samples=samples)
-    return Picture(np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1))
+    return ImageFrame(np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1))
 
 
 def showing(frame):
@@ -148,7 +149,7 @@ def test_lights_of_libraries_are_in_the_mix(shot, tmp_path):
 
 def test_cancel_ends_the_process_and_leaves_nothing(shot):
     before = set(os.listdir(bpy.app.tempdir))
-    frame = Picture(np.zeros((24, 32, 4), np.float32))
+    frame = ImageFrame(np.zeros((24, 32, 4), np.float32))
     found = verify.start(shot, frame, "Camera", 100_000, NEUTRAL)
     process = found._worker._process
     assert process.poll() is None and verify.all_running() == [found]
@@ -173,7 +174,7 @@ def test_cancel_ends_the_process_and_leaves_nothing(shot):
 def test_how_the_other_blender_ended_is_said(shot, monkeypatch, script, words):
     command = [sys.executable, "-c", f"import os, signal, sys; print('Fra:1 Mem:8M', flush=True); {script}"]
     monkeypatch.setattr(verify, "blender_command", lambda *_: command)
-    found = wait(verify.start(shot, Picture(np.zeros((24, 32, 4), np.float32)), "Camera", 8, NEUTRAL))
+    found = wait(verify.start(shot, ImageFrame(np.zeros((24, 32, 4), np.float32)), "Camera", 8, NEUTRAL))
     assert words in found.error and found.result is None
 
 
@@ -183,23 +184,23 @@ def test_a_disk_that_fills_up_meanwhile_is_said(shot, monkeypatch):
     command = [sys.executable, "-c", f"print('{json.dumps(told)}'); raise SystemExit(1)"]
     monkeypatch.setattr(verify, "blender_command", lambda *_: command)
     monkeypatch.setattr(process, "free_space", lambda _: 5_000)
-    found = wait(verify.start(shot, Picture(np.zeros((24, 32, 4), np.float32)), "Camera", 8, NEUTRAL))
+    found = wait(verify.start(shot, ImageFrame(np.zeros((24, 32, 4), np.float32)), "Camera", 8, NEUTRAL))
     assert found.error.startswith("3072 requested and 3040 written; only 5 kB are free on the disk of '")
 
 
 def test_what_cannot_be_verified_is_said(shot):
-    frame = Picture(np.zeros((24, 32, 4), np.float32), scale=2)
+    frame = ImageFrame(np.zeros((24, 32, 4), np.float32), scale=2)
     with pytest.raises(VerifyError, match="full size"):
         verify.start(shot, frame, "Camera", 8, NEUTRAL)
     with pytest.raises(VerifyError, match="Nope"):
-        verify.start(shot, Picture(frame.image), "Nope", 8, NEUTRAL)
+        verify.start(shot, ImageFrame(frame.image), "Nope", 8, NEUTRAL)
     assert verify.of(shot) is None
 
 
 def test_it_ends_with_its_scene_and_its_file(shot):
     addon.register()
     try:
-        frame = Picture(np.zeros((24, 32, 4), np.float32))
+        frame = ImageFrame(np.zeros((24, 32, 4), np.float32))
         other = shot.copy()
         found = verify.start(other, frame, "Camera", 100_000, NEUTRAL)
         bpy.data.scenes.remove(other)
@@ -217,8 +218,8 @@ def test_a_full_disk_is_said_in_a_line(shot, monkeypatch):
 
     addon.register()
     try:
-        opened = showing(Picture(np.zeros((24, 32, 4), np.float32)))
-        monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
+        opened = showing(ImageFrame(np.zeros((24, 32, 4), np.float32)))
+        monkeypatch.setattr(ui.shots, "of", lambda scene: opened)
         monkeypatch.setattr(verify, "SavedCopy", fail)
         with pytest.raises(RuntimeError, match="No space left") as told:
             bpy.ops.relume.verify()
@@ -235,7 +236,7 @@ def test_the_panel_verifies_what_it_shows(shot, tmp_path, monkeypatch):
         with pytest.raises(RuntimeError, match="no picture yet"):
             bpy.ops.relume.verify()
         opened = showing(picture(shot, samples=16))
-        monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
+        monkeypatch.setattr(ui.shots, "of", lambda scene: opened)
         assert bpy.ops.relume.verify() == {"FINISHED"}
         job = json.loads((verify.of(shot)._copy.folder / JOB).read_text())
         assert set(job["mix"]["gains"]) == {"Key", "Fill", linked}
@@ -278,11 +279,11 @@ def test_it_waits_for_the_picture_that_is_on_its_way(shot, monkeypatch):
         frame = picture(shot, samples=16)
         opened = showing(frame)
         opened.present_frame = None
-        monkeypatch.setattr(ui.shot, "of", lambda scene: opened)
+        monkeypatch.setattr(ui.shots, "of", lambda scene: opened)
         ui.ask(shot)
         assert ui.tick() and ui.is_waiting(shot) and verify.of(shot) is None
         assert ui.WAITS in drawn(shot) and "relume.verify_cancel" in drawn(shot)
-        opened.present_frame = Picture(frame.image, scale=2)
+        opened.present_frame = ImageFrame(frame.image, scale=2)
         assert ui.tick() and ui.is_waiting(shot) and verify.of(shot) is None
         opened.present_frame = frame
         assert ui.tick() and not ui.is_waiting(shot) and verify.of(shot).is_running

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from addon.engine import shot
+from addon.engine.shot import shot
 from addon.export import write_view_table
-from addon.ui import handlers as ui_handlers
+from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from addon.viewport import handlers, view_files
 from fake_live import FakeLive
@@ -28,7 +28,7 @@ def baked(lit, tmp_path, small_tables, monkeypatch):
 def show_picture():
     FakeLive.made[-1].tell(state="ready", samples=4, samples_total=4)
     FakeLive.made[-1].show()
-    ui_handlers.tick()
+    scheduler.tick()
 
 
 def let_work(scene):

@@ -12,10 +12,11 @@ import relume
 
 from addon.core import status
 from addon.core.solve import SolveError
-from addon.engine import record, shot, world_change, worlds
-from addon.engine.scene import load_scene
-from addon.ui import handlers, solving
-from addon.ui.start import start
+from addon.engine.reading.scene import load_scene
+from addon.engine.shot import record, shot
+from addon.engine.world import world_change, worlds
+from addon.ui.solve import operators
+from addon.ui.start import open_bake, start
 from helpers import add_sky, add_world, settled, sky_file, until, update
 
 
@@ -75,7 +76,7 @@ def test_a_turned_sky_is_shown_without_new_paths_and_found_again(turnable, tmp_p
 
     until(scene, lambda found: found.status["world_is_stored"], "the stored light")
     shot.of(scene).close(5.0)
-    handlers.open_bake(scene)
+    open_bake(scene)
     assert np.abs(picture(scene, "the opened bake") - turned).max() < 1e-3 * turned.max()
     assert not shot.of(scene).is_changing_world
     turn(mapping, 0.0)
@@ -191,7 +192,7 @@ def test_a_world_that_cannot_be_read_is_named_and_nothing_is_solved(turnable, mo
     tree.links.new(sky.outputs[0], tree.nodes["Background"].inputs["Color"])
     update()
     with pytest.raises(SolveError, match="The world has changed"):
-        solving.begin(scene)
+        operators.begin(scene)
     found = until(scene, lambda found: found.changes.sentences, "what went wrong")
     reason = "Cycles could not render it: no room"
     assert found.changes.sentences == [f"The world changed, and its light could not be gathered: {reason}"]

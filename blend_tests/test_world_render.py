@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import relume
 
-from addon.engine import worlds
-from addon.engine.render_depsgraph import ExportCancelled
-from addon.engine.scene import load_scene
+from addon.engine.reading.scene import load_scene
+from addon.engine.world import worlds
 from addon.export import trace_settings
 from addon.export.materials.graph import resolve
+from addon.export.stop import ExportCancelled
 from addon.export.world_graph import WorldGraph, WorldReader
 from helpers import add, add_material, add_quad, add_world, exported, render_cycles
 

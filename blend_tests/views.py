@@ -1,46 +1,38 @@
 """Settings of a scene's view, each a function that makes them, and what colours views without another Blender."""
 
-import mmap
 from pathlib import Path
 
 import bpy
 import pytest
 
-from addon.core.fresh_memory import FreshMemory
 from addon.export import write_view_table
 from addon.export.color_table import color_table
-from addon.viewport import view_table
 
 
 class ColouredHere:
-    """Stands in for the Blender in the background (`ViewWorker`): this one does what is asked for."""
+    """Stands in for the Blender in the background (`ViewWorker`): this one does what is asked for, a turn later."""
 
     def __init__(self):
-        self._job, self._pieces = None, []
-        self.is_finished = False
+        self._job, self._is_begun = None, False
 
     def ask(self, job):
-        if job != self._job or self.is_finished:
-            self._job, self.is_finished = job, False
-            self._pieces = [self._write] if "file" in job else [self._coarse, self._fine]
+        if job != self._job:
+            self._job, self._is_begun = job, False
 
     def drop(self):
-        self._job, self._pieces = None, []
+        self._job = None
 
     def turn(self):
-        self.is_finished = not self._pieces
-        found = self._pieces[0]() if self._pieces else None
-        del self._pieces[:1]  # What fails stays to be done.
-        return found
-
-    def _coarse(self):
-        return color_table(bpy.context.scene, view_table.COARSE), FreshMemory(mmap.PAGESIZE)
-
-    def _fine(self):
-        return color_table(bpy.context.scene, view_table.FINE), FreshMemory(mmap.PAGESIZE)
-
-    def _write(self):
-        write_view_table(bpy.context.scene, Path(self._job["file"]), self._job["stamp"].encode("latin-1"))
+        if not self._is_begun:
+            self._is_begun = True
+            return None
+        job, table = self._job, None
+        if "file" in job:
+            write_view_table(bpy.context.scene, Path(job["file"]), job["stamp"].encode("latin-1"))
+        else:
+            table = color_table(bpy.context.scene)
+        self.drop()
+        return table
 
 
 def high_contrast(scene):

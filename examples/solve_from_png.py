@@ -25,10 +25,10 @@ from addon.apply import new_lights  # noqa: E402
 from addon.apply.free_moves import FreeMoves  # noqa: E402
 from addon.apply.look_lights import light_state, restore_lights  # noqa: E402
 from addon.core import solve  # noqa: E402
-from addon.engine import record  # noqa: E402
-from addon.engine.scene_lights import SceneLights  # noqa: E402
+from addon.engine.reading.scene_lights import SceneLights  # noqa: E402
+from addon.engine.shot import record  # noqa: E402
 from addon.export.lights import name_of  # noqa: E402
-from addon.export.target import TargetError, read_target, taken  # noqa: E402
+from addon.export.target import TargetError, pixels_of, read_target  # noqa: E402
 
 
 def bake(blend, folder):
@@ -81,8 +81,8 @@ def request(lights, free, args):
     """What the solver is asked for."""
     shown = {"lights": lights, "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1]}
     goal = {"goal": "target", "image": "target", "exposure_invariant": args.mood, "where": {"mask": "unclipped"}}
-    wish = solve.Wish(free=free, goals=[goal], keep_rest=0.0, add_count=args.add, starts=args.starts)
-    return solve.request(shown, wish)
+    options = solve.SolveOptions(free=free, goals=[goal], keep_rest=0.0, add_count=args.add, starts=args.starts)
+    return solve.request(shown, options)
 
 
 def unclipped(image, target):
@@ -131,7 +131,7 @@ def run(args):
     bake(args.blend, args.bake)
     manifest = json.loads((args.bake / "manifest.json").read_text())
     image = bpy.data.images.load(str(args.picture.resolve()))
-    target, how, _ = read_target(scene, taken(image), "AUTO", (manifest["width"], manifest["height"]))
+    target, how, _ = read_target(scene, pixels_of(image), "AUTO", (manifest["width"], manifest["height"]))
     print(how)
     images = {"target": target, "unclipped": unclipped(image, target)}
     present = present_lights(scene, args.bake)

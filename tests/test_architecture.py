@@ -4,9 +4,18 @@ import ast
 import json
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+
+sys.path.insert(0, str(ROOT / "scripts"))
+from code_map import addon_circles, imports_of  # noqa: E402
+
+# Circles that are still to be untied; none may be added.
+KNOWN_CIRCLES = [
+    [f"addon.export.materials.{name}" for name in ("closures", "coordinates", "exporter", "procedural", "values")],
+]
 
 
 def arrows_in_table():
@@ -49,19 +58,6 @@ def rooms_of_addon():
     return re.findall(r"`(\w+)` \(", found)
 
 
-def imports_of(path):
-    """Absolute names of the modules that a file imports anywhere, "addon.core.rows", "bpy"."""
-    package = path.relative_to(ROOT).parent.parts
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else ()
-            module = ".".join([*base, *([node.module] if node.module else [])])
-            # A name may be a module of a package.
-            yield from (f"{module}.{alias.name}" for alias in node.names)
-
-
 def imports_by_room():
     """Room of the add-on -> (file, imported name) of each import in it."""
     rooms = rooms_of_addon()
@@ -75,7 +71,7 @@ def imports_by_room():
 
 def test_every_folder_of_the_addon_is_a_room():
     folders = {path.parent.name for path in (ROOT / "addon").glob("*/__init__.py")}
-    assert set(rooms_of_addon()) == folders and len(folders) == 6
+    assert set(rooms_of_addon()) == folders and len(folders) == 7
 
 
 def test_arrows_of_the_addon_point_down_the_list():
@@ -85,6 +81,11 @@ def test_arrows_of_the_addon_point_down_the_list():
         for file, name in imports_by_room()[room]:
             parts = name.split(".")
             assert parts[0] != "addon" or parts[1] in allowed, f"{file} imports {name}"
+
+
+def test_modules_of_the_addon_import_in_no_circle():
+    modules, _ = addon_circles()
+    assert modules == KNOWN_CIRCLES
 
 
 def test_core_needs_no_blender():
@@ -98,3 +99,12 @@ def test_engine_alone_imports_the_native_module():
         room for room, imports in imports_by_room().items() for _, name in imports if name.split(".")[0] == "relume"
     }
     assert importers == {"engine"}
+
+
+def test_a_class_of_the_addon_has_a_name_of_its_own():
+    files = {}
+    for path in sorted((ROOT / "addon").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                files.setdefault(node.name.lstrip("_"), []).append(str(path.relative_to(ROOT)))
+    assert {name: places for name, places in files.items() if len(places) > 1} == {}

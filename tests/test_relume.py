@@ -283,16 +283,17 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 live = relume.Live(folder, device="cpu")
 scene = lit_plane()
 lights = json.loads(scene.lights())
-live.relight(json.dumps({"lights": lights}))
+lights = [relume.Light(light) for light in lights]
+live.relight(relume.Request(lights))
 live.bake(scene, SETTINGS_OF_FULL_DISK, train_seconds=0.0)
-while json.loads(live.status())["state"] not in ("failed", "ready"):
+while live.status().state not in ("failed", "ready"):
     time.sleep(0.01)
-number = live.relight(json.dumps({"lights": lights, "gains": {"Key": [2, 2, 2]}}))
+number = live.relight(relume.Request(lights, gains={"Key": [2, 2, 2]}))
 end, frame = time.monotonic() + 60, None
 while (frame is None or frame.request != number) and time.monotonic() < end:
     frame = live.frame(0)
     time.sleep(0.01)
-status = json.loads(live.status())
+status = {name: getattr(live.status(), name) for name in ("state", "error", "samples", "warnings")}
 status["relit"] = frame is not None and frame.request == number and float(frame.image.max()) > 0.0
 live.close(wait_seconds=20)
 print(json.dumps(status))

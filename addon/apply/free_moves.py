@@ -31,23 +31,23 @@ class FreeMoves:
         self._carriers = _carriers(scene, lights)
 
     def of(self, obj: bpy.types.Object, moves: Iterable[str]) -> tuple[str | None, list[str]]:
-        """Why some moves could not be written to a light, to be put behind its name, and the others."""
+        """Reason why some parameters cannot be written, to be put behind the light's name, and the others."""
         if name_of(obj) in self._instanced:
             return "is shown by instances", []
         place = why_not_placed(obj) or self._carriers.get(obj)
         shared = f"shares its data '{obj.data.name}' with other lights" if self._users[obj.data] > 1 else None
-        reason, kept = None, []
+        reason, writable = None, []
         for move in moves:
             paths = PATHS.get(move)
             problem = place if paths is None else shared or why_not(obj.data, *paths)
             reason = reason or problem
             if problem is None:
-                kept.append(move)
-        return reason, kept
+                writable.append(move)
+        return reason, writable
 
 
 def _carriers(scene: bpy.types.Scene, lights: set[bpy.types.Object]) -> dict[bpy.types.Object, str]:
-    """Lights that must stay for what hangs on them, and why: geometry, which the bake holds where it is now, and
+    """Lights that must stay because of objects below them, and why: geometry, which the bake holds where it is now, and
     lights that could not be put back into their places."""
     carriers: dict[bpy.types.Object, str] = {}
     for obj in scene.objects:

@@ -26,14 +26,17 @@ class _LightWrite:
 
     @property
     def changes(self) -> bool:
+        """True if the data gets other values."""
         return self.gain != NEUTRAL or self.kelvin is not None
 
     def refusal(self) -> str | None:
+        """Reason why the data cannot be written; None if it can."""
         paths = ("energy", "color") if self.kelvin is None else ("energy", "color", "use_temperature", "temperature")
         reason = why_not(self.owner.data, *paths) if self.changes else None
         return f"light '{self.owner.name}' {reason}" if reason else None
 
     def write(self) -> None:
+        """Writes energy, colour and temperature."""
         if not self.changes:
             return
         light = self.owner.data
@@ -67,8 +70,8 @@ def apply_mix(
     hidden = [obj for obj in silent.values() if not _is_hidden(obj)]
     writes = [_LightWrite(obj, gains[name], kelvins.get(name)) for name, obj in lights.items() if any(gains[name])]
     world = WorldWrite(scene.world, applied["world"])
-    asked = [*(write.refusal() for write in writes), *map(_hide_refusal, hidden), world.refusal()]
-    reasons = [reason for reason in asked if reason] + _quarrels(writes)
+    refusals = [*(write.refusal() for write in writes), *map(_hide_refusal, hidden), world.refusal()]
+    reasons = [reason for reason in refusals if reason] + _quarrels(writes)
     reasons += [f"light '{name}' {NOT_HIDDEN}" for name in silent if name in shown_anyway]
     if reasons:
         raise RefusedError(reasons)

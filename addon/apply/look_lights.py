@@ -1,4 +1,4 @@
-"""The lights of a look: how they are now, and putting them back."""
+"""States of a look's lights: reading them, and restoring them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def light_state(obj: bpy.types.Object) -> dict[str, Any]:
 
 
 def restore_lights(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[str]:
-    """Makes lights what they were, matched by name; the names that were not found. Raises RefusedError, and has then
+    """Restores lights, matched by name; returns the names that the scene lacks. Raises RefusedError, and has then
     written nothing."""
     objects, states = list(objects), list(states)
     reasons = refusals(objects, states)
@@ -70,12 +70,12 @@ def restore_lights(objects: Iterable[bpy.types.Object], states: Iterable[dict[st
 
 
 def refusals(objects: Iterable[bpy.types.Object], states: Iterable[dict[str, Any]]) -> list[str]:
-    """Why lights cannot be made what they were, a line each."""
+    """Reasons why lights cannot be restored, a line each."""
     return [reason for restore in _matched(objects, states) for reason in restore.refusals()]
 
 
 def why_not_placed(obj: bpy.types.Object) -> str | None:
-    """Why an object's place cannot be written, to be put behind its name; None if it can."""
+    """Reason why an object's place cannot be written, to be put behind its name; None if it can."""
     reason = why_not(obj, *PLACE)
     if reason is None and obj.constraints:
         return f"is placed by its constraint '{obj.constraints[0].name}'"
@@ -110,7 +110,7 @@ def _carrier(obj: bpy.types.Object, places: dict[bpy.types.Object, Matrix]) -> b
 
 
 def _carried(obj: bpy.types.Object, places: dict[bpy.types.Object, Matrix]) -> Matrix:
-    """Where a light will be once those that it hangs on have got their places."""
+    """Place of a light once its parents have got theirs."""
     carrier = _carrier(obj, places)
     if carrier is None or not _differ(carrier.matrix_world, places[carrier]):
         return obj.matrix_world.copy()
@@ -129,9 +129,9 @@ class _Restore:
     obj: bpy.types.Object
     state: dict[str, Any]
     carried: Matrix
-    """Where it will be if nothing is written to it."""
+    """Place of the light if nothing is written to it."""
     is_kept: bool
-    """Not in the look: only to stay in its place."""
+    """True if the light is not in the look and only stays in its place."""
     settings: dict[str, Any] = field(init=False)
     moves: bool = field(init=False)
     hides: bool = field(init=False)
@@ -142,16 +142,17 @@ class _Restore:
         self.retypes = now["type"] != self.state["type"]
         # Another type has other settings: then all of them are written.
         before = {} if self.retypes else now["settings"]
-        wanted = {name: value for name, value in self.state["settings"].items() if name in SETTINGS}
+        settings = {name: value for name, value in self.state["settings"].items() if name in SETTINGS}
         self.settings = {
             name: value
-            for name, value in wanted.items()
+            for name, value in settings.items()
             if before.get(name) != value and name in _properties(self.state["type"])
         }
         self.hides = now["hidden"] != self.state["hidden"]
         self.moves = _differ(self.carried, Matrix(self.state["matrix"]))
 
     def refusals(self) -> list[str]:
+        """Reasons why the light cannot be restored."""
         obj, light = self.obj, self.obj.data
         reasons = []
         if self.settings or self.retypes:
@@ -160,8 +161,8 @@ class _Restore:
             reasons.append(why_not_placed(obj))
         if self.hides:
             reasons.append(why_not(obj, "hide_render", "hide_viewport"))
-        what = f"light '{obj.name}'" + (" hangs on a light that moves, and" if self.is_kept else "")
-        return [f"{what} {reason}" for reason in dict.fromkeys(reasons) if reason]
+        subject = f"light '{obj.name}'" + (" hangs on a light that moves, and" if self.is_kept else "")
+        return [f"{subject} {reason}" for reason in dict.fromkeys(reasons) if reason]
 
     def _unfit(self) -> str | None:
         """Values that the light cannot take, as a look may come from anywhere."""
@@ -174,6 +175,7 @@ class _Restore:
         return None
 
     def write(self) -> None:
+        """Writes all that differs."""
         obj = self.obj
         if self.retypes:
             obj.data.type = self.state["type"]
@@ -194,11 +196,11 @@ def _properties(kind: str) -> Any:
     return getattr(bpy.types, STRUCTS[kind]).bl_rna.properties if kind in STRUCTS else {}
 
 
-def _fits(found: bpy.types.Property, value: Any) -> bool:
-    if found.type == "BOOLEAN":
+def _fits(prop: bpy.types.Property, value: Any) -> bool:
+    if prop.type == "BOOLEAN":
         return isinstance(value, bool)
-    if found.type == "ENUM":
-        return isinstance(value, str) and value in found.enum_items
-    if getattr(found, "array_length", 0):
-        return isinstance(value, list) and len(value) == found.array_length
+    if prop.type == "ENUM":
+        return isinstance(value, str) and value in prop.enum_items
+    if getattr(prop, "array_length", 0):
+        return isinstance(value, list) and len(value) == prop.array_length
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -11,13 +11,13 @@ COLLECTION = "Relume"
 
 
 def refusals(scene: bpy.types.Scene, states: Iterable[dict[str, Any]]) -> list[str]:
-    """Why the lights of some states cannot be made, a line each."""
-    found = _collection(scene)
+    """Reasons why the lights of some states cannot be made, a line each."""
+    collection = _collection(scene)
     reasons = []
     for state in states:
         if state["type"] not in {"POINT", "SPOT", "AREA", "SUN"}:
             reasons.append(f"light '{state['name']}' cannot be of type '{state['type']}'")
-        elif found is not None and not found.is_editable:
+        elif collection is not None and not collection.is_editable:
             reasons.append(f"light '{state['name']}' belongs into collection '{COLLECTION}', which is linked")
     return reasons
 
@@ -40,4 +40,6 @@ def make(scene: bpy.types.Scene, states: Iterable[dict[str, Any]]) -> list[bpy.t
 
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection | None:
-    return next((found for found in scene.collection.children_recursive if found.name == COLLECTION), None)
+    return next(
+        (collection for collection in scene.collection.children_recursive if collection.name == COLLECTION), None
+    )

@@ -19,14 +19,14 @@ class WorldWrite:
         self.tint = [channel / self.strength for channel in gain] if self.strength > 0.0 else NEUTRAL
 
     def refusal(self) -> str | None:
-        """Why it cannot be written, with the world's name."""
+        """Reason why the world cannot be written, with its name; None if it can."""
         if self.world is None or self.gain == NEUTRAL:
             return None
         reason = why_not(self.world, "color") if used_tree(self.world) is None else self._node_refusal()
         return f"world '{self.world.name}' {reason}" if reason else None
 
     def write(self) -> None:
-        """To be called only without a refusal."""
+        """Writes the world. Call it only without a refusal."""
         if self.world is None or self.gain == NEUTRAL:
             return
         node = self._background()

@@ -17,14 +17,14 @@ class RefusedError(Exception):
 
 
 def why_not(block: bpy.types.ID, *paths: str, label: str = "") -> str | None:
-    """Why one of the properties cannot be written, to be put behind a name; None if all can. `label` is the
-    property's name for the artist where the path is none."""
+    """Reason why one of the properties cannot be written, to be put behind a name; None if all can. `label` replaces a
+    path that is no name for the artist."""
     if not block.is_editable:
         return "is linked from another file: make it local or override it"
-    for what, found in (("a driver", _drivers(block)), ("animation", _animated(block))):
-        path = next((path for path in found if path in paths), None)
+    for writer, owned_paths in (("a driver", _drivers(block)), ("animation", _animated(block))):
+        path = next((path for path in owned_paths if path in paths), None)
         if path is not None:
-            return f"has {what} on its {label or path.replace('_', ' ')}"
+            return f"has {writer} on its {label or path.replace('_', ' ')}"
     return None
 
 
@@ -46,7 +46,7 @@ def _animated(block: bpy.types.ID) -> Iterator[str]:
 
 
 def _curves(action: bpy.types.Action, slot: Any) -> Iterator[str]:
-    """Paths of an action; from Blender 4.4 on those of one slot of it."""
+    """Paths of an action; from Blender 4.4 on, of one of its slots."""
     if bpy.app.version < (4, 4, 0):
         yield from (curve.data_path for curve in action.fcurves)
         return

@@ -58,7 +58,7 @@ def parser() -> argparse.ArgumentParser:
     _add_verify(commands)
     _add_read_picture(commands)
     _add_render_world(commands)
-    _add_help_window(commands)
+    _add_color_view(commands)
     for name, text in FORWARDED.items():
         commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
     return top
@@ -116,12 +116,10 @@ def _add_render_world(commands: argparse._SubParsersAction) -> None:
     _add_output(render)
 
 
-def _add_help_window(commands: argparse._SubParsersAction) -> None:
-    serve = commands.add_parser(
-        "help-window", help="make tables of views, compile what draws, finish meshes, as asked for (used by the panel)"
-    )
-    serve.add_argument("folder", help="folder with the jobs, for the results too")
-    _add_output(serve)
+def _add_color_view(commands: argparse._SubParsersAction) -> None:
+    color = commands.add_parser("color-view", help="make the table of a view (used by the panel)")
+    color.add_argument("folder", help="folder with the job, for the result too")
+    _add_output(color)
 
 
 def _add_view(command: argparse.ArgumentParser) -> None:

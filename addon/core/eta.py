@@ -31,9 +31,9 @@ class EtaEstimator:
         """Training of one kind of light, with comparing on the way."""
         self._tracing: float | None = None
         """Seconds for one more path per pixel."""
-        self._references = _Pace()
+        self._references = _StageDuration()
         """Rendering the pictures that proxies are compared with."""
-        self._measuring = _Pace()
+        self._measuring = _StageDuration()
         """Measuring the error of a proxy."""
 
     def note(self, status: dict[str, Any]) -> None:
@@ -46,11 +46,11 @@ class EtaEstimator:
             case "trace" if (share := _share(stage)) < 1.0:
                 self._tracing = left / ((1.0 - share) * status["samples_total"])
             case "references":
-                self._references = _Pace(status["samples"], elapsed + left)
+                self._references = _StageDuration(status["samples"], elapsed + left)
             case "train" if _share(stage) >= COMPARED:
                 self._training = (elapsed + left, True)
             case "measure":
-                self._measuring = _Pace(status["samples"], elapsed + left)
+                self._measuring = _StageDuration(status["samples"], elapsed + left)
 
     def remaining(self, status: dict[str, Any]) -> Eta | None:
         """Remaining time of the bake; None before the present stage has a pace, between stages, and in the last one."""
@@ -96,7 +96,7 @@ class EtaEstimator:
         return [part for parts in each for part in parts]
 
 
-class _Pace(NamedTuple):
+class _StageDuration(NamedTuple):
     """Duration of a stage that takes longer with more paths per pixel, though not in proportion."""
 
     samples: int = 0

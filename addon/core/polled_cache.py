@@ -22,12 +22,12 @@ class PolledCache:
     def __init__(self, max_age_seconds: float):
         self.max_age_seconds = max_age_seconds
         """Age from which a value is read again."""
-        self._entries: dict[tuple, _Entry] = {}
+        self._entries: dict[tuple, _CachedValue] = {}
 
     def get(self, read: Callable[[Key], Value], key: Key) -> Value | None:
         """Last value of `read(key)`; None until the first one is there. `read` is called on a thread, and must touch
         nothing of Blender's."""
-        entry = self._entries.setdefault((read, key), _Entry())
+        entry = self._entries.setdefault((read, key), _CachedValue())
         if not entry.is_pending and time.monotonic() - entry.when > self.max_age_seconds:
             entry.start(partial(read, key))
         return entry.value
@@ -38,7 +38,7 @@ class PolledCache:
         return any(entry.is_pending for entry in self._entries.values())
 
 
-class _Entry:
+class _CachedValue:
     def __init__(self) -> None:
         self.value: Any = None
         self.when = -math.inf

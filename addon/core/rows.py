@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from math import isclose
 from typing import Any
 
 from .blackbody import blackbody_color
 
 LIGHT, GROUP, WORLD, STATIC = "LIGHT", "GROUP", "WORLD", "STATIC"
 NEUTRAL, SILENT = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]
+ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,8 @@ def bare_name(name: str) -> str:
 
 
 def is_neutral(row: Row) -> bool:
-    """True if the row changes nothing."""
-    return row.on and not row.solo and row.gain() == NEUTRAL
+    """True if the row changes nothing, but for the rounding of 32 bits."""
+    return row.on and not row.solo and all(isclose(gain, 1.0, rel_tol=ROUNDING) for gain in row.gain())
 
 
 def any_solo(rows: Iterable[Row]) -> bool:

@@ -8,11 +8,25 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from .rows import LIGHT, Row, freed, times
+from .rows import WORLD as WORLD_ROW
+
 COLORFUL = {"color", "warmer", "cooler", "target"}
 """Goals that ask for another colour. Without one, colours stay: else a light would be tinted green to be brighter,
 since the eye sees green best."""
 WORLD = "world"
 """Stands for the world among what is free."""
+PARAMETERS = ("position", "direction", "size", "cone", "color", "strength")
+"""Parameters of a light that can be locked, named as in a request."""
+LACKING: dict[str, set[str]] = {
+    "POINT": {"direction", "cone"},
+    "SPOT": set(),
+    "AREA": {"cone"},
+    "SUN": {"position", "cone"},
+}
+"""Parameters that a type of light lacks."""
+EFFORTS = {"QUICK": (2, 150), "NORMAL": (4, 300), "THOROUGH": (12, 600)}
+"""Starts and steps of each effort."""
 SETTINGS = {
     "energy": "energy",
     "color": "color",
@@ -28,17 +42,18 @@ SETTINGS = {
 }
 """Names of the solver's answer, and those of Blender's light. It leaves exposure, temperature, nodes and normalisation
 as they are."""
-
-
 NOTHING = 1e-3
 """Share of the strongest channel that counts as none."""
-
-
 ROUNDING = 1e-4
 """Difference, absolute or relative, up to which a number of a light counts as unchanged in a result."""
 LEAST_TOWARDS = 64
 SHARE_TOWARDS = 4
 """One in so many of a bake's paths is traced once more to look for lights where a solver has put them."""
+
+
+def parameters_of(kind: str) -> list[str]:
+    """Parameters that a type of light has."""
+    return [parameter for parameter in PARAMETERS if parameter not in LACKING[kind]]
 
 
 class SolveError(Exception):
@@ -86,15 +101,16 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Wish:
+class SolveOptions:
     """Settings of a solve."""
 
     free: dict[str, list[str]]
     """Parameters that may change, by the name of a light, or WORLD."""
     goals: list[dict[str, Any]]
+    """Goals of a request."""
     keep_rest: float = 0.01
     limits: Limits = Limits()
-    own: dict[str, Limits] = field(default_factory=dict)
+    per_light: dict[str, Limits] = field(default_factory=dict)
     """Limits of single lights that differ, by name."""
     add_count: int = 0
     add_type: str = "point"
@@ -103,29 +119,29 @@ class Wish:
     steps: int = 300
 
 
-def request(shown: dict[str, Any], wish: Wish) -> dict[str, Any]:
+def request(shown: dict[str, Any], options: SolveOptions) -> dict[str, Any]:
     """The solver's request; `shown` is the picture: "lights", "gains", "world", "static". Raises SolveError."""
-    if not wish.goals:
+    if not options.goals:
         raise SolveError("Say what the picture should do first: paint a stroke, add a region, or choose a target")
-    keeps = set() if COLORFUL & {goal["goal"] for goal in wish.goals} else {"color"}
-    free = {name: [move for move in moves if move not in keeps] for name, moves in wish.free.items()}
+    keeps = set() if COLORFUL & {goal["goal"] for goal in options.goals} else {"color"}
+    free = {name: [move for move in moves if move not in keeps] for name, moves in options.free.items()}
     colored = {name for name, moves in free.items() if "color" in moves}
-    if not any(free.values()) and not wish.add_count:
+    if not any(free.values()) and not options.add_count:
         raise SolveError("Nothing may change: unlock something of a light, or allow new lights")
     out = {
         **{name: shown[name] for name in ("gains", "world", "static")},
         "lights": [_tinted(light) if light["name"] in colored else light for light in shown["lights"]],
         "free": {name: moves for name, moves in free.items() if moves},
-        "goals": wish.goals,
-        "keep_rest": wish.keep_rest,
-        "stay": wish.limits.stay or 0.0,
-        "remove": wish.remove,
-        "starts": wish.starts,
-        "steps": wish.steps,
+        "goals": options.goals,
+        "keep_rest": options.keep_rest,
+        "stay": options.limits.stay or 0.0,
+        "remove": options.remove,
+        "starts": options.starts,
+        "steps": options.steps,
     }
-    each = {name: limits.own() for name, limits in wish.own.items() if name in out["free"] and limits.own()}
-    out |= {name: value for name, value in (("bounds", wish.limits.bounds()), ("each", each)) if value}
-    return out | ({"add": {"count": wish.add_count, "type": wish.add_type}} if wish.add_count else {})
+    each = {name: limits.own() for name, limits in options.per_light.items() if name in out["free"] and limits.own()}
+    out |= {name: value for name, value in (("bounds", options.limits.bounds()), ("each", each)) if value}
+    return out | ({"add": {"count": options.add_count, "type": options.add_type}} if options.add_count else {})
 
 
 def _lacks_color(light: dict[str, Any]) -> bool:
@@ -229,6 +245,22 @@ def solved(
 def _free_name(name: str, taken: set[str]) -> str:
     numbers = (f"{name}.{number:03}" for number in range(1, len(taken) + 2))
     return name if name not in taken else next(found for found in numbers if found not in taken)
+
+
+def solved_rows(
+    mix: tuple[Iterable[Row], Iterable[Row], dict[str, list[str]]], lights: Iterable[str], world: Iterable[float] | None
+) -> list[Row]:
+    """Rows of a look with solved lights. These lights hold their gains themselves, all others keep theirs; `mix` has
+    rows, groups and memberships. `world` is the gain of the world's row; None if it has not changed."""
+    rows, groups, memberships = mix
+    names = set(lights)
+    out = freed(rows, groups, memberships, names)
+    known = {row.name for row in out if row.kind == LIGHT}
+    out += [Row(name) for name in names - known]
+    if world is None:
+        return out
+    gain = list(world)
+    return [times(Row(row.name, WORLD_ROW), gain) if row.kind == WORLD_ROW else row for row in out]
 
 
 def picture_request(answer: dict[str, Any], static: list[float]) -> dict[str, Any]:

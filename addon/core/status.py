@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from .progress import clock, share_and_words
@@ -18,6 +19,12 @@ STAGES = {
     "optimise": "Solving",
     "polish": "Polishing",
 }
+
+
+def is_final(frame: Any) -> bool:
+    """True if no better frame of the same request is to come."""
+    summary = json.loads(frame.summary)
+    return frame.scale == 1 and summary.get("settled", True)
 
 
 def shown(status: dict[str, Any]) -> str:

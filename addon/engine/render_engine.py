@@ -22,13 +22,14 @@ from ..core.rows import NEUTRAL
 from ..core.words import grouped, listed
 from ..export import ExportOptions, trace_settings
 from ..export.camera import film_border, film_size, why_no_picture
-from . import shot as shots
-from .checks import folders_in_use
+from ..export.left_out import left_out_of_scene
+from ..export.stop import ExportCancelled
 from .native import native
-from .options import Options, options_of, remembered_bake
-from .process import private_folder
-from .render_depsgraph import ExportCancelled
-from .scene import scene_of_depsgraph
+from .reading.scene import scene_of_depsgraph
+from .shot import shot as shots
+from .shot.checks import folders_in_use
+from .shot.options import Options, options_of, remembered_bake
+from .workers.process import private_folder
 
 ENGINE = "RELUME"
 """Identifier for `bpy.types.RenderSettings.engine`."""
@@ -115,7 +116,8 @@ class _FinalRender:
             raise RuntimeError(words)
         self._say("Reading the scene", 0.0)
         size = film_size(self.scene.render)
-        exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
+        notes = left_out_of_scene(self.scene, self.depsgraph.view_layer)
+        exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self._is_stopped, notes)
         for text in grouped(tuple(exported.warnings)):
             self._warn(text)
         lights = self._mixed(json.loads(exported.lights()))

@@ -1,4 +1,4 @@
-"""Memory of Blender, and memory for what Blender copies out. Blender copies with Python's lock held, and its window
+"""Arrays in Blender's memory, and memory for copies out of it. Blender copies with Python's lock held, and its window
 waits for that lock; numpy lets go of it."""
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ LAYOUTS: dict[str, tuple[Any, int]] = {
 """Layout for `stored` of an attribute's values, by its type."""
 
 
-def stored(collection: Any, dtype: Any, width: int = 1, is_new: bool = False) -> np.ndarray:
+def stored(collection: Any, dtype: Any, width: int = 1) -> np.ndarray:
     """The memory of a collection whose elements are `width` numbers each and lie one after the other, as those of
-    attributes do: [N], or [N, width]. Only to be written to in data that `is_new`, and gone with what it belongs to: a
-    thread that reads a render's meshes may do so until the render ends, others until they return to Blender. Raises
-    RuntimeError of a collection whose elements do not lie so."""
+    attributes do: [N], or [N, width]. Not to be written to, and gone with what it belongs to: a thread that reads a
+    render's meshes may do so until the render ends, others until they return to Blender. Raises RuntimeError of a
+    collection whose elements do not lie so."""
     count = len(collection)
     shape = (count,) if width == 1 else (count, width)
     if count == 0:
@@ -38,7 +38,7 @@ def stored(collection: Any, dtype: Any, width: int = 1, is_new: bool = False) ->
     if last - first != (count - 1) * size:
         raise RuntimeError(f"the elements of {collection!r} do not lie one after the other")
     array = np.frombuffer((ctypes.c_uint8 * (count * size)).from_address(first), dtype).reshape(shape)
-    array.flags.writeable = is_new
+    array.flags.writeable = False
     return array
 
 

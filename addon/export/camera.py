@@ -19,7 +19,7 @@ def film_size(render: bpy.types.RenderSettings, percentage: int | None = None) -
 
 
 def film_border(render: bpy.types.RenderSettings) -> tuple[int, int, int, int]:
-    """Left, bottom, width and height in pixels of what Blender renders of the whole picture."""
+    """Left, bottom, width and height in pixels of the part of the picture that Blender renders."""
     width, height = film_size(render)
     if not render.use_border:
         return 0, 0, width, height
@@ -29,7 +29,7 @@ def film_border(render: bpy.types.RenderSettings) -> tuple[int, int, int, int]:
 
 
 def why_no_picture(scene: bpy.types.Scene) -> str:
-    """Why there is no picture of a scene, and what to do; empty if there can be one."""
+    """Reason why a scene cannot be rendered, and the way out; empty if it can."""
     render = scene.render
     if min(render.resolution_x, render.resolution_y) * render.resolution_percentage < 100:
         return f"The picture of scene '{scene.name}' has no pixels; raise the resolution or its percentage"

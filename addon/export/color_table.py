@@ -15,16 +15,17 @@ from .view_transform import displayed, shaper_axis
 
 LOG_MAX = 10.0
 """Logarithm of the brightest value of the table. Filmic tells colours apart up to about 2^10."""
-COARSE, FINE = 45, 89
-"""Entries along an axis: half and quarter stops, so that the clipping of "Standard" at 1.0 falls on an entry."""
+SIZE = 89
+"""Entries along an axis: quarter stops, so that the clipping of "Standard" at 1.0 falls on an entry."""
 
 Table = tuple[np.ndarray, np.ndarray | None]
-"""Entries [blue, green, red, 4], spaced as `shaper_axis` up to LOG_MAX, and for a view with jumps display colours
-[LEVELS, 3] of which they are the places, 0..1."""
+"""Entries [blue, green, red, 4], spaced as `shaper_axis` up to LOG_MAX. A view with jumps has display colours [LEVELS,
+3] too, of which the entries are the places, 0..1."""
 
 
-def color_table(scene: bpy.types.Scene, size: int) -> Table:
-    """The table of a scene's view, of so many entries along an axis."""
+def color_table(scene: bpy.types.Scene) -> Table:
+    """The table of a scene's view."""
+    size = SIZE
     axis = shaper_axis(size, LOG_MAX)
     cube = np.empty((size, size, size, 3), np.float32)
     cube[..., 0], cube[..., 1], cube[..., 2] = axis, axis[:, None], axis[:, None, None]

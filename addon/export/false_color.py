@@ -59,8 +59,8 @@ def learn(scene: bpy.types.Scene, log_max: float) -> tuple[Weights, np.ndarray] 
     colors[-1] = np.exp2(np.random.default_rng(1).uniform(-8.0, 4.0, (COLUMNS, 3)))
     shown = displayed(scene, colors / np.float32(2.0**scene.view_settings.exposure))
     formed = displayed(scene, colors, formed_by(scene))
-    found = [_list_of(shown, formed, weights) for weights in WEIGHTS]
-    error, weights, levels = min(found, key=lambda one: one[0])
+    trials = [_list_of(shown, formed, weights) for weights in WEIGHTS]
+    error, weights, levels = min(trials, key=lambda trial: trial[0])
     return (weights, levels) if error <= GOOD else None
 
 
@@ -68,8 +68,8 @@ def _list_of(shown: np.ndarray, formed: np.ndarray, weights: Weights) -> tuple[f
     """Mean error of the trials, the weights, and the list that greys give with them."""
     places = brightness(formed, weights)
     greys, places_of_greys = shown[:-1].reshape(-1, 3), np.maximum.accumulate(places[:-1].ravel())
-    wanted = np.linspace(0.0, 1.0, LEVELS)
-    nearest = np.searchsorted((places_of_greys[1:] + places_of_greys[:-1]) / 2.0, wanted)
+    entries = np.linspace(0.0, 1.0, LEVELS)
+    nearest = np.searchsorted((places_of_greys[1:] + places_of_greys[:-1]) / 2.0, entries)
     levels = greys[nearest]
     return float(np.abs(look_up(levels, places[-1]) - shown[-1]).mean()), weights, levels
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Collection
 from typing import Any
 
 import bpy
 import numpy as np
 
 from .arrays import LAYOUTS, stored
-from .late_mesh import FinishMesh, late_mesh
 from .materials import ANY_UV_MAP, FACTOR
 
 UNREAD = {"INT16_2D", "INT32_2D"}
@@ -23,85 +21,42 @@ LINEAR_BYTE = np.where(BYTE < 0.04045, BYTE / 12.92, ((BYTE + 0.055) / 1.055) **
 class GeometryExporter:
     """Exports each evaluated mesh once and remembers its number."""
 
-    def __init__(self, builder: Any, depsgraph: bpy.types.Depsgraph, asked: Collection[str], finish: FinishMesh | None):
-        self.builder, self.depsgraph = builder, depsgraph
-        self.asked = asked
+    def __init__(self, builder: Any, attribute_names: Collection[str]):
+        self.builder = builder
+        self.attribute_names = attribute_names
         """Names of attributes that materials read."""
-        self.finish = finish
-        self.begun: dict[int, Callable[[], dict[str, Any]] | None] = {}
-        """Function that waits for a late mesh, by its object's session uid; None if the mesh is not late."""
-        self.numbers: dict[tuple[str, int], int | None] = {}
-        """Numbers of evaluated meshes by their addresses, and of late ones by their objects."""
+        self.numbers: dict[int, int | None] = {}
+        """Numbers of evaluated meshes by their addresses."""
         self.attributes: dict[int, set[str]] = {}
         """Names of attributes that materials can read, by mesh number."""
 
-    def begin(self) -> None:
-        """Begins to finish all late meshes that are likely to be seen."""
-        if self.finish is not None:
-            for found in self.depsgraph.ids:
-                if isinstance(found, bpy.types.Object) and found.type == "MESH" and not found.hide_render:
-                    self._begun(found)
-
-    def mesh_number(self, instance: bpy.types.DepsgraphObjectInstance) -> int | None:
-        """Number of the mesh of an instance; None if it has no faces, or damaged ones. Evaluated meshes are shared by
-        all instances of one evaluated object and by linked duplicates without modifiers."""
-        obj = instance.object
-        # Curves and text have meshes too.
-        if self.finish is not None and obj.original.type == "MESH" and not _is_part(instance):
-            key = ("object", obj.original.session_uid)
-            if key in self.numbers:
-                return self.numbers[key]
-            arrays = self._late_arrays(obj)
-            if arrays is not None:
-                self.numbers[key] = self._add(obj, obj.original.data.name, arrays)
-                return self.numbers[key]
+    def mesh_number(self, obj: bpy.types.Object) -> int | None:
+        """Number of the mesh of an evaluated object; None if it has no faces, or damaged ones. Evaluated meshes are
+        shared by all instances of one evaluated object and by linked duplicates without modifiers."""
         mesh = obj.data
-        key = ("mesh", mesh.as_pointer())
+        key = mesh.as_pointer()
         if key not in self.numbers:
-            has_faces = len(mesh.polygons) > 0
-            self.numbers[key] = self._add(obj, mesh.name, mesh_arrays(mesh, self.asked)) if has_faces else None
+            self.numbers[key] = self._add(obj, mesh) if len(mesh.polygons) else None
         return self.numbers[key]
 
-    def _late_arrays(self, obj: bpy.types.Object) -> dict[str, Any] | None:
-        """Arrays of a late mesh; None if it is not late, or the other Blender failed and this one finishes it."""
-        wait = self._begun(obj)
-        with suppress(OSError):
-            return wait() if wait is not None else None
-        self.begun[obj.original.session_uid] = None
-        return None
-
-    def _begun(self, obj: bpy.types.Object) -> Callable[[], dict[str, Any]] | None:
-        uid = obj.original.session_uid
-        if uid not in self.begun:
-            self.begun[uid] = None
-            late = late_mesh(obj.original.evaluated_get(self.depsgraph), self.depsgraph.scene_eval.render)
-            if late is not None and self.finish is not None:
-                with suppress(OSError):
-                    self.begun[uid] = self.finish(late, self.asked)
-        return self.begun[uid]
-
-    def _add(self, obj: bpy.types.Object, name: str, arrays: dict[str, Any]) -> int | None:
+    def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh) -> int | None:
         """Number of a mesh that an object shows; None, and a warning, of one that is damaged beyond repair."""
+        arrays = mesh_arrays(mesh, self.attribute_names)
         try:
-            number = self.builder.add_mesh(name, **arrays, shown_by=obj.name)
+            number = self.builder.add_mesh(mesh.name, **arrays, shown_by=obj.name)
         except ValueError as error:
             self.builder.warn(f"object '{obj.name}': {error}; left out")
             return None
-        found = (*arrays["color_attributes"], *arrays["uv_maps"])
-        self.attributes[number] = {name.removesuffix(FACTOR) for name in found}
+        names = (*arrays["color_attributes"], *arrays["uv_maps"])
+        self.attributes[number] = {name.removesuffix(FACTOR) for name in names}
         if arrays["uv_maps"]:
             self.attributes[number].add(ANY_UV_MAP)
         return number
 
 
-def _is_part(instance: bpy.types.DepsgraphObjectInstance) -> bool:
-    """True if an instance shows geometry that its object's own nodes instance, and not the object's mesh."""
-    return instance.is_instance and instance.parent.original == instance.object.original
-
-
-def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, Any]:
-    """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes that are `asked` for by name are among
-    the colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""
+def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> dict[str, Any]:
+    """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes of `attribute_names` are among the
+    colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""
     arrays: dict[str, Any] = {
         "positions": _attribute(mesh, "position"),
         "corner_verts": _attribute(mesh, ".corner_vert"),
@@ -114,7 +69,7 @@ def mesh_arrays(mesh: bpy.types.Mesh, asked: Collection[str] = ()) -> dict[str, 
     # Centre and half size, so that generated coordinates are Cycles' after a modifier changed the mesh.
     arrays["texture_space"] = [list(mesh.texspace_location), list(mesh.texspace_size)]
     arrays["color_attributes"] = _color_attributes(mesh, arrays["corner_verts"])
-    for name in sorted(set(asked) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
+    for name in sorted(set(attribute_names) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
         attribute = mesh.attributes.get(name.removesuffix(FACTOR))
         if attribute is not None and _is_readable(attribute):
             colors = _as_colors(attribute, arrays["corner_verts"], arrays["face_starts"])
@@ -179,9 +134,9 @@ def _attribute(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
 
 def _values(attribute: bpy.types.Attribute) -> np.ndarray:
     """A copy of an attribute's values; scene-linear of a colour."""
-    found = stored(attribute.data, *LAYOUTS[attribute.data_type])
+    values = stored(attribute.data, *LAYOUTS[attribute.data_type])
     if attribute.data_type != "BYTE_COLOR":
-        return found.copy()
-    colors = LINEAR_BYTE[found]
-    colors[:, 3] = BYTE[found[:, 3]]
+        return values.copy()
+    colors = LINEAR_BYTE[values]
+    colors[:, 3] = BYTE[values[:, 3]]
     return colors

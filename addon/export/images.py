@@ -26,6 +26,7 @@ class ImageExporter:
     """Exports each image once and remembers its number."""
 
     def __init__(self, builder: Any, frame: int):
+        """Exports to a builder of a scene, at a frame."""
         self.builder = builder
         self.frame = frame
         """Frame of the scene, for images of a sequence."""
@@ -49,8 +50,10 @@ class ImageExporter:
         colors = colors_of_file(image)
         if colors is not None:
             file = image.packed_file.data if image.packed_file else path
-            turn = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
-            number = self.builder.add_texture_file(image.name, file, colors=colors, alpha=alpha, scene_from_rec709=turn)
+            scene_from_rec709 = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
+            number = self.builder.add_texture_file(
+                image.name, file, colors=colors, alpha=alpha, scene_from_rec709=scene_from_rec709
+            )
             if number is not None:
                 if note and image.source == "TILED":
                     self.builder.warn(f"{user}: {note}")
@@ -95,8 +98,8 @@ def is_in_memory(image: bpy.types.Image) -> bool:
 
 
 def _associate(image: bpy.types.Image, texels: np.ndarray) -> str:
-    """Makes float pixels of straight alpha what Cycles takes them for, in place; what their alpha is then. Those of
-    data are as they are; others count as multiplied by alpha before Blender 5.2, and are multiplied since then."""
+    """Changes float pixels of straight alpha in place to Cycles' reading of them; returns their alpha afterwards. Data
+    stays as it is. Other pixels count as multiplied by alpha before Blender 5.2, and are multiplied since then."""
     if image.colorspace_settings.is_data:
         return "channel_packed"
     if bpy.app.version >= (5, 2, 0):
@@ -117,13 +120,13 @@ def colors_of_file(image: bpy.types.Image) -> str | None:
 
 
 def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -> str:
-    """Path of the file that a node shows in a frame of the scene; that of the first tile if there are several."""
+    """Path of the file that a node shows in a frame of the scene: the first tile if there are several."""
     path = bpy.path.abspath(image.filepath, library=image.library)
     if image.source == "TILED":
         return tile_path(path, image.tiles[0].number)
-    if image.source == "SEQUENCE" and (found := LAST_NUMBER.search(path)):
-        number = str(frame_of(settings, frame)).zfill(len(found[0]))
-        return path[: found.start()] + number + path[found.end() :]
+    if image.source == "SEQUENCE" and (digits := LAST_NUMBER.search(path)):
+        number = str(frame_of(settings, frame)).zfill(len(digits[0]))
+        return path[: digits.start()] + number + path[digits.end() :]
     return path
 
 
@@ -150,7 +153,7 @@ def note_on(image: bpy.types.Image) -> str:
 
 
 def is_as_in_file(image: bpy.types.Image) -> bool:
-    """True if the pixels of an image are those of its one file, which may be packed."""
+    """True if an image shows the pixels of its one file, which may be packed."""
     if image.source != "FILE" or image.is_dirty:
         return False
     return not image.has_data or bool(image.filepath)  # Made in Blender: what is packed may lack the alpha that it has.

@@ -1,5 +1,5 @@
-"""Instances that objects make: of collections, and of what geometry nodes and particles name, which need not be in the
-scene. Only the names are read here: what nodes and particles do with them, only the evaluated scene knows."""
+"""Instances that objects make: of collections, and of data-blocks that nodes and particles name. The latter need not
+be in the scene. Only names are read here: how nodes and particles use them, only the evaluated scene tells."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any, NamedTuple, TypeAlias
 import bpy
 
 Block: TypeAlias = bpy.types.Object | bpy.types.Collection
-Way: TypeAlias = tuple[int, ...]
+InstancePath: TypeAlias = tuple[int, ...]
 """Remaining part of a persistent id, from the outermost to the innermost."""
 Shown: TypeAlias = Callable[[bpy.types.Object], bool]
 """Returns True if renders show an object in some place, hidden neither itself nor by collections."""
 INSTANCE_BY = ("OBJECT", "NODETREE", "PARTICLE")
-"""Types of what can name what is instanced."""
+"""Types of data-blocks that can name an instanced one."""
 NO_NUMBER = 2**31 - 1
 """Fills persistent ids."""
 
@@ -28,14 +28,15 @@ class _Named(NamedTuple):
 
 
 class Instancers:
-    """Remembers what groups of nodes name, as many objects share them, and what objects show, as one may show a
-    thousand times the same: for one look at the scene."""
+    """Names in groups of nodes, which many objects share, and objects that others show, which may be a thousand times
+    the same. Kept for one look at the scene."""
 
     def __init__(self) -> None:
+        """Starts with nothing known."""
         self._by_group: dict[bpy.types.NodeTree, _Named] = {}
         self._by_nodes: dict[bpy.types.Object, _Named] = {}
         self._by_particles: dict[bpy.types.Object, list[Block]] = {}
-        self._rendered: dict[tuple[bpy.types.Object, bpy.types.Object, Way], bool] = {}
+        self._rendered: dict[tuple[bpy.types.Object, bpy.types.Object, InstancePath], bool] = {}
         self._reached: dict[bpy.types.Object, dict[bpy.types.Object, bool]] = {}
         self._inside: dict[bpy.types.Collection, list[tuple[bpy.types.Object, bool]]] = {}
         self._seen_inside: dict[Any, list[tuple[bpy.types.Object, bool]]] = {}
@@ -49,18 +50,18 @@ class Instancers:
         """Data-blocks that an object's nodes name, in renders, together with those of named objects: they may take in
         its geometry, also where it is hidden."""
         if obj not in self._by_nodes:
-            found = self._by_nodes[obj] = _Named([], set())  # Objects may name each other.
+            collected = self._by_nodes[obj] = _Named([], set())  # Objects may name each other.
             named = [self._in_modifier(modifier) for modifier in _rendered_modifiers(obj, "NODES")]
             blocks = [block for one in named for block in one.blocks]
             named += [self._nodes_of(block) for block in blocks if isinstance(block, bpy.types.Object)]
-            found.blocks.extend(_blocks([block for one in named for block in one.blocks]))
-            found.separates.update(*(one.separates for one in named))
+            collected.blocks.extend(_blocks([block for one in named for block in one.blocks]))
+            collected.separates.update(*(one.separates for one in named))
         return self._by_nodes[obj]
 
     def _particles_of(self, obj: bpy.types.Object) -> list[Block]:
         if obj not in self._by_particles:
             named = [self._in_modifier(modifier) for modifier in _rendered_modifiers(obj, "PARTICLE_SYSTEM")]
-            self._by_particles[obj] = _blocks([block for found in named for block in found.blocks])
+            self._by_particles[obj] = _blocks([block for inner in named for block in inner.blocks])
         return self._by_particles[obj]
 
     def _in_modifier(self, modifier: bpy.types.Modifier) -> _Named:
@@ -74,17 +75,17 @@ class Instancers:
     def _in_group(self, group: bpy.types.NodeTree) -> _Named:
         if group not in self._by_group:
             self._by_group[group] = _Named([], set())  # A group cannot hold itself, but a damaged file may say so.
-            found: list[Any] = []
+            values: list[Any] = []
             separates: set[bool] = set()
             for node in group.nodes:
-                found += [getattr(node, "object", None), getattr(node, "collection", None)]
-                found += [getattr(socket, "default_value", None) for socket in node.inputs if not socket.is_linked]
+                values += [getattr(node, "object", None), getattr(node, "collection", None)]
+                values += [getattr(socket, "default_value", None) for socket in node.inputs if not socket.is_linked]
                 separates |= _separates(node)
                 if (inner := getattr(node, "node_tree", None)) is not None:
                     named = self._in_group(inner)
-                    found += named.blocks
+                    values += named.blocks
                     separates |= named.separates
-            self._by_group[group] = _Named(_blocks(found), separates)
+            self._by_group[group] = _Named(_blocks(values), separates)
         return self._by_group[group]
 
     def reached_from(self, obj: bpy.types.Object) -> dict[bpy.types.Object, bool]:
@@ -92,19 +93,19 @@ class Instancers:
         name it. Named objects are shown even where they are hidden, unlike those in collections, but not what they
         instance."""
         if obj not in self._reached:
-            found = self._reached[obj] = {}
+            reached = self._reached[obj] = {}
             todo = [obj]
             while todo:
                 for inner, is_named in self._shown_by(todo.pop()):
-                    if inner not in found and not inner.hide_render:
+                    if inner not in reached and not inner.hide_render:
                         todo.append(inner)
-                    found[inner] = is_named or found.get(inner, False)
+                    reached[inner] = is_named or reached.get(inner, False)
         return self._reached[obj]
 
     def placed_by(self, obj: bpy.types.Object) -> set[bpy.types.Object]:
         """Objects that an object itself instances, or would if nothing were hidden."""
-        found = set(obj.children_recursive) if obj.instance_type in {"VERTS", "FACES"} else set()
-        return found.union(_objects_of(_blocks([_instanced_by(obj)])), *map(self.placed_by_modifier, obj.modifiers))
+        children = set(obj.children_recursive) if obj.instance_type in {"VERTS", "FACES"} else set()
+        return children.union(_objects_of(_blocks([_instanced_by(obj)])), *map(self.placed_by_modifier, obj.modifiers))
 
     def placed_by_modifier(self, modifier: bpy.types.Modifier) -> set[bpy.types.Object]:
         """Objects that a modifier may instance, also one that is off."""
@@ -128,77 +129,83 @@ class Instancers:
 
     def may_show_lights(self, obj: bpy.types.Object) -> bool:
         """True if there are lights among the objects that an object may instance."""
-        return any(found.type == "LIGHT" for found in self.reached_from(obj))
+        return any(inner.type == "LIGHT" for inner in self.reached_from(obj))
 
-    def renders(self, owner: bpy.types.Object, way: Sequence[int], light: bpy.types.Object, is_rendered: Shown) -> bool:
+    def renders(
+        self, owner: bpy.types.Object, path: Sequence[int], light: bpy.types.Object, is_rendered: Shown
+    ) -> bool:
         """True if renders too show an instance of a light that a view shows.
 
-        `way` is its persistent id: from the innermost to the outermost, the objects by which it is shown. For
+        `path` is its persistent id: from the innermost to the outermost, the objects by which it is shown. For
         particles, nodes that take a collection apart, and nodes that are not known here, it does not say so: there it
         is enough that they show the light at all. `is_rendered` is called with the scene's own objects."""
-        numbers = tuple(number for number in reversed(way) if number != NO_NUMBER)
+        numbers = tuple(number for number in reversed(path) if number != NO_NUMBER)
         # Which of their instances it is says nothing of points and faces, of which there may be thousands.
         key = owner, light, numbers if _instanced_by(owner) else numbers[1:]
         if key not in self._rendered:
-            found = list(self._instances(owner, numbers, light, is_rendered))
-            self._rendered[key] = any(found) if found else light in self.reached_from(owner)
+            shown = list(self._instances(owner, numbers, light, is_rendered))
+            self._rendered[key] = any(shown) if shown else light in self.reached_from(owner)
         return self._rendered[key]
 
-    def _instances(self, by: bpy.types.Object, way: Way, light: bpy.types.Object, is_here: Shown) -> Iterator[bool]:
-        """Yields, for each thing that an object instances and the way may lead through, True if renders show the light.
+    def _instances(
+        self, by: bpy.types.Object, path: InstancePath, light: bpy.types.Object, is_here: Shown
+    ) -> Iterator[bool]:
+        """Yields True if renders show the light, for each thing that an object instances and the path may lead through.
         `is_here` tells what renders show of the scene or collection that the object itself is shown in."""
-        if not way:
+        if not path:
             return
         if (instanced := _instanced_by(by)) is not None:
-            yield from self._in_place(self._objects_of(instanced), way[0], way[1:], light)
+            yield from self._in_place(self._objects_of(instanced), path[0], path[1:], light)
             return
         for child in by.children_recursive if by.instance_type in {"VERTS", "FACES"} else ():
-            yield from (is_shown and is_here(child) for is_shown in self._along(child, way[1:], light, is_here))
-        # Nodes begin a way with a number for each time that they instance instances.
+            yield from (is_shown and is_here(child) for is_shown in self._along(child, path[1:], light, is_here))
+        # Nodes begin a path with a number for each time that they instance instances.
         for block in self._nodes_of(by).blocks:
-            for begin in range(1, len(way) + 1):
-                yield from self._in_block(block, way[begin:], light, by, is_here)
+            for begin in range(1, len(path) + 1):
+                yield from self._in_block(block, path[begin:], light, by, is_here)
         if light in self._shown_by_particles(by):
             yield True
 
     def _in_block(
-        self, block: Block, way: Way, light: bpy.types.Object, by: bpy.types.Object, is_here: Shown
+        self, block: Block, path: InstancePath, light: bpy.types.Object, by: bpy.types.Object, is_here: Shown
     ) -> Iterator[bool]:
-        """Yields the same as `_instances`, for data-blocks that nodes name."""
+        """Yields like `_instances`, for data-blocks that nodes name."""
         if isinstance(block, bpy.types.Object):
-            yield from self._along(block, way, light, is_here)
+            yield from self._along(block, path, light, is_here)
             return
         separates = self._nodes_of(by).separates or {False}
         if True in separates:
             for obj in block.objects:
-                yield from self._along(obj, way, light, is_here)
+                yield from self._along(obj, path, light, is_here)
         for whole in [*block.children] * (True in separates) + [block] * (False in separates):
-            yield from self._in_whole(whole, way, light, by)
+            yield from self._in_whole(whole, path, light, by)
 
     def _in_whole(
-        self, collection: bpy.types.Collection, way: Way, light: bpy.types.Object, by: bpy.types.Object
+        self, collection: bpy.types.Collection, path: InstancePath, light: bpy.types.Object, by: bpy.types.Object
     ) -> Iterator[bool]:
-        """Yields the same as `_instances`, for a collection that nodes instance as one. Each object that views show
-        there has two numbers: its own, and that of what it instances."""
-        if way and (way[0] % 2 == 0) == (len(way) == 1):
-            yield from self._in_place(self._seen_in(collection, by), way[0] // 2, way[1:], light)
+        """Yields like `_instances`, for a collection that nodes instance as one. Each object that views show there has
+        two numbers: its own, and one for its instances."""
+        if path and (path[0] % 2 == 0) == (len(path) == 1):
+            yield from self._in_place(self._seen_in(collection, by), path[0] // 2, path[1:], light)
 
     def _in_place(
-        self, objects: list[tuple[bpy.types.Object, bool]], place: int, way: Way, light: bpy.types.Object
+        self, objects: list[tuple[bpy.types.Object, bool]], place: int, path: InstancePath, light: bpy.types.Object
     ) -> Iterator[bool]:
-        """Yields the same as `_instances`, for the object in a place."""
+        """Yields like `_instances`, for the object in a place."""
 
         def is_here(obj: bpy.types.Object) -> bool:
             return (obj, True) in objects
 
         for obj, is_rendered in objects[place : place + 1] if place >= 0 else ():
-            yield from (is_shown and is_rendered for is_shown in self._along(obj, way, light, is_here))
+            yield from (is_shown and is_rendered for is_shown in self._along(obj, path, light, is_here))
 
-    def _along(self, obj: bpy.types.Object, way: Way, light: bpy.types.Object, is_here: Shown) -> Iterator[bool]:
-        """Yields the same as `_instances`, for an instance of an object, which may be the light itself. A hidden one
-        instances nothing."""
-        if way:
-            yield from (is_shown and not obj.hide_render for is_shown in self._instances(obj, way, light, is_here))
+    def _along(
+        self, obj: bpy.types.Object, path: InstancePath, light: bpy.types.Object, is_here: Shown
+    ) -> Iterator[bool]:
+        """Yields like `_instances`, for an instance of an object, which may be the light itself. A hidden one instances
+        nothing."""
+        if path:
+            yield from (is_shown and not obj.hide_render for is_shown in self._instances(obj, path, light, is_here))
         elif obj == light:
             yield True
 
@@ -216,9 +223,9 @@ class Instancers:
     def _seen_in(self, collection: bpy.types.Collection, by: bpy.types.Object) -> list[tuple[bpy.types.Object, bool]]:
         """Objects of a collection that views show where an object instances it, without that object itself."""
         if (collection, by) not in self._seen_inside:
-            seen = set(_not_hidden(collection, "hide_viewport")) - {by}
+            shown = set(_not_hidden(collection, "hide_viewport")) - {by}
             inside = self._objects_of(collection)
-            self._seen_inside[collection, by] = [(obj, is_shown) for obj, is_shown in inside if obj in seen]
+            self._seen_inside[collection, by] = [(obj, is_shown) for obj, is_shown in inside if obj in shown]
         return self._seen_inside[collection, by]
 
 
@@ -229,12 +236,12 @@ def may_be_instanced(lights: Collection[bpy.types.Object]) -> bool:
         return True
     users = bpy.data.user_map(subset={*lights, *bpy.data.collections}, value_types={"COLLECTION", *INSTANCE_BY})
     todo: list[bpy.types.ID] = list(lights)
-    seen = set(todo)
+    visited = set(todo)
     while todo:
-        for user in users.get(todo.pop(), set()) - seen:
+        for user in users.get(todo.pop(), set()) - visited:
             if not isinstance(user, bpy.types.Collection):
                 return True
-            seen.add(user)
+            visited.add(user)
             todo.append(user)
     return False
 
@@ -282,12 +289,15 @@ def node_inputs(modifier: bpy.types.Modifier) -> list[tuple[str, Any]]:
     """Inputs that a modifier of geometry nodes passes to its group, by name."""
     if not hasattr(modifier, "properties"):  # As before Blender 5.2.
         return list(modifier.items())
-    found = []
+    inputs = []
     for side in (modifier.properties.inputs, modifier.properties.outputs) if modifier.properties else ():
         for socket in side.bl_rna.properties.keys():
-            parts = [(part, getattr(getattr(side, socket), part, None)) for part in ("value", "type", "attribute_name")]
-            found += [(f"{socket} {part}", value) for part, value in parts]
-    return found
+            parts = [
+                (attribute, getattr(getattr(side, socket), attribute, None))
+                for attribute in ("value", "type", "attribute_name")
+            ]
+            inputs += [(f"{socket} {attribute}", value) for attribute, value in parts]
+    return inputs
 
 
 def _by_particles(settings: bpy.types.ParticleSettings) -> list[Any]:

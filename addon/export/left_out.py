@@ -1,4 +1,4 @@
-"""Names what the settings of a scene, its view layers and its objects ask for and the picture does not have."""
+"""Messages about settings of a scene, its view layers and its objects that the picture does not follow."""
 
 from __future__ import annotations
 
@@ -12,33 +12,35 @@ from .camera import film_border, film_size
 Warn = Callable[[str], None]
 
 
-def warn_about_scene(depsgraph: bpy.types.Depsgraph, warn: Warn) -> None:
-    """Names settings of a scene and its view layer that no picture by Relume has."""
-    scene, layer = depsgraph.scene, depsgraph.view_layer
+def left_out_of_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
+    """Sentences about settings of a scene and its view layer that no picture by Relume has."""
+    sentences = []
     if scene.render.use_motion_blur and layer.use_motion_blur:
-        warn(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
+        sentences.append(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
     if scene.render.use_simplify and _limits_textures(scene):
-        warn(f"scene '{scene.name}': the texture limit of Simplify is not supported; textures keep their size")
+        words = "the texture limit of Simplify is not supported; textures keep their size"
+        sentences.append(f"scene '{scene.name}': {words}")
+    return sentences
 
 
 def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
-    """Words for what Blender does in its own renders alone, before or after a layer's picture."""
-    said = []
+    """Sentences about the steps of Blender's own renders, before or after a layer's picture, that are left out."""
+    sentences = []
     others = [other.name for other in scene.view_layers if other.use and other != layer]
     if others and not scene.render.use_single_layer:
-        said.append(
+        sentences.append(
             f"scene '{scene.name}': of its view layers only '{layer.name}' is in the picture, not {listed(others)}"
         )
-    for what, is_used in {
+    for stage, is_used in {
         "the cut of the render region": film_border(scene.render) != (0, 0, *film_size(scene.render)),
         "Freestyle's lines": scene.render.use_freestyle and layer.use_freestyle,
         "the compositor": scene.render.use_compositing and any(map(_changes_picture, _compositors(scene))),
         "the video sequencer": scene.render.use_sequencer and _has_strips(scene),
     }.items():
         if is_used:
-            words = f"{what}: only in renders with Relume as render engine, not in this picture"
-            said.append(f"scene '{scene.name}': {words}")
-    return said
+            words = f"{stage}: only in renders with Relume as render engine, not in this picture"
+            sentences.append(f"scene '{scene.name}': {words}")
+    return sentences
 
 
 def warn_about_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, warn: Warn) -> None:

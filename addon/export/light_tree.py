@@ -39,8 +39,16 @@ def light_tree(scene: bpy.types.Scene) -> list[Line]:
     return list(walk.lines(scene.collection, 0))
 
 
+def light_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Light objects of the light tree, each of which has a row."""
+    return [line.block for line in light_tree(scene) if line.kind == LIGHT]
+
+
 class _Walk:
+    """Walk through all collections, which notes where lights are."""
+
     def __init__(self, top: bpy.types.Collection):
+        """Enters the collection `top` and all below it."""
         self.paths: dict[bpy.types.Object, list[Path]] = {}
         self.inside: dict[bpy.types.Collection, dict[bpy.types.ID, None]] = {}
         self.with_lights: set[bpy.types.Collection] = set()
@@ -54,7 +62,7 @@ class _Walk:
         self.enter(top, ())
 
     def enter(self, collection: bpy.types.Collection, path: Path) -> None:
-        """Finds the lights below a collection. `path` is what leads there, itself included."""
+        """Finds the lights below a collection. `path` has the collections around it, itself included."""
         inside = self.inside.setdefault(collection, {})
         for child in collection.children:
             self._enter_child(inside, child, path)
@@ -95,6 +103,7 @@ class _Walk:
                     self._enter_child(inside, block, path)
 
     def lines(self, collection: bpy.types.Collection, depth: int) -> Iterator[Line]:
+        """Lines of the lights and collections in a collection, collections first."""
         inside = [block for block in self.inside[collection] if block not in self.listed]
         for child in inside:
             if isinstance(child, bpy.types.Collection) and child in self.with_lights and child not in self.listed:

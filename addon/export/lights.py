@@ -31,7 +31,7 @@ VARYING = {
     "ShaderNodeLightPath": "depends on the length or depth of rays",
     "ShaderNodeWavelength": "is a colour by its wavelength",
 }
-"""Why a light is not the same everywhere."""
+"""Reasons why a node makes a light vary, by type of node."""
 MIN_SIZE = 0.01
 """`relume_scene::MIN_SIZE`, metres."""
 ALL_BOUNCES = 1024
@@ -50,6 +50,7 @@ class UniqueNames:
     """Gives each instance of a light a name of its own: "Bulb", "Bulb#2"."""
 
     def __init__(self) -> None:
+        """Starts with no name taken."""
         self._counts: dict[str, int] = {}
 
     def __call__(self, name: str) -> str:
@@ -67,6 +68,7 @@ class LightExporter:
         linking: LightLinking,
         constant_emission: ConstantEmission,
     ):
+        """Passes descriptions of lights to `add`, and messages about them to `warn`."""
         self.add = add
         self.warn = warn
         self.linking = linking
@@ -93,8 +95,8 @@ def describe_light(
     warn: Callable[[str], None],
     constant_emission: ConstantEmission,
 ) -> dict[str, Any] | None:
-    """The JSON form of `BlenderLight`; None for a light that cannot be represented. `owner` is what instances it, or
-    the light itself; the camera looks at it."""
+    """JSON form of `BlenderLight`; None for a light that cannot be represented. `owner` is its instancer, or the light
+    itself; the camera looks at it."""
     light = obj.data
     if is_portal(light):
         return None
@@ -144,7 +146,7 @@ def _least_size(world_from_object: Any, camera: bpy.types.Object) -> float:
 
 
 def ray_visibility(obj: bpy.types.Object, owner: bpy.types.Object) -> dict[str, float]:
-    """The JSON form of `Lobes`: of rays that see both a light and what instances it, as in Cycles since its lights are
+    """JSON form of `Lobes`: of rays that see both a light and its instancer, as in Cycles since its lights are
     geometry."""
     if bpy.app.version < (4, 5, 0):
         owner = obj
@@ -158,7 +160,7 @@ def ray_visibility(obj: bpy.types.Object, owner: bpy.types.Object) -> dict[str, 
 
 
 def _problem(light: bpy.types.Light, world_from_object: Any) -> str:
-    """Why a light cannot shine, if it cannot. Lengths of the columns of its matrix are its scale."""
+    """Reason why a light cannot shine; None if it can. Lengths of the columns of its matrix are its scale."""
     columns = list(zip(*(row[:3] for row in world_from_object[:3]), strict=True))
     places = [row[3] for row in world_from_object[:3]]
     if not all(math.isfinite(value) for value in (light.energy, *light.color, *places, *itertools.chain(*columns))):
@@ -202,9 +204,9 @@ def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
             "shadow caustics are not supported; its caustics are those of ordinary paths",
         ),
     )
-    for has_problem, what in problems:
+    for has_problem, problem in problems:
         if has_problem:
-            warn(f"light '{obj.name}': {what}")
+            warn(f"light '{obj.name}': {problem}")
 
 
 def is_portal(light: bpy.types.Light) -> bool:
@@ -219,15 +221,15 @@ def _emission(
     tree = used_tree(obj.data)
     if tree is None:
         return WHITE
-    found = surface_socket(tree)
+    surface = surface_socket(tree)
     translation = ConstantTranslation(constant_emission, LIGHT_PATH.get, is_sun=obj.data.type == "SUN")
     try:
-        emission = translation.emission(*found) if found else None
+        emission = translation.emission(*surface) if surface else None
     except VaryingNodeError as error:
         node = error.node
         reason = VARYING.get(node.bl_idname, "makes it shine differently by place, direction or distance")
-        what = f"its node '{node.name}' ({node.bl_label}) {reason}, which is not supported yet"
-        warn(f"light '{obj.name}': {what}; left out")
+        problem = f"its node '{node.name}' ({node.bl_label}) {reason}, which is not supported yet"
+        warn(f"light '{obj.name}': {problem}; left out")
         return None
     if emission is None:
         warn(f"light '{obj.name}': its nodes emit nothing; left out")

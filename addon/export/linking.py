@@ -23,6 +23,7 @@ class LightLinking:
     share the last one."""
 
     def __init__(self, objects: list[str], warn: Callable[[str], None]):
+        """`objects` are the names of the objects that can receive light, by number."""
         self.warn = warn
         self.objects = objects
 

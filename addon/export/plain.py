@@ -14,12 +14,12 @@ LOOKS_ONLY = {
     "color", "height", "hide", "label", "location", "location_absolute", "name", "parent", "select", "use_custom_color",
     "warning_propagation", "width",
 }  # fmt: skip
-"""Properties of nodes, modifiers and particles that do not change what they do."""
+"""Properties of nodes, modifiers and particles without effect on their result."""
 SIMPLE = {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"}
 
 
 def effective_properties(struct: Any) -> Iterator[bpy.types.Property]:
-    """Properties that can be set and change what a node, modifier or data-block does."""
+    """Properties that can be set and change the result of a node, modifier or data-block."""
     for prop in struct.bl_rna.properties:
         name = prop.identifier
         if prop.is_readonly or name in LOOKS_ONLY or name.startswith(("show_", "bl_", "is_", "use_fake", "select")):

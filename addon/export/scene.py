@@ -15,8 +15,7 @@ from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .geometry import GeometryExporter
 from .images import ImageExporter
-from .late_mesh import FinishMesh
-from .left_out import warn_about_mesh, warn_about_scene
+from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
@@ -53,7 +52,7 @@ WorldRenderError."""
 
 
 class ExportError(Exception):
-    """The scene cannot be exported; the message says why and what to do."""
+    """The scene cannot be exported; the message has the reason and the way out."""
 
 
 def _no_render(_world: WorldGraph) -> np.ndarray:
@@ -65,11 +64,9 @@ def export_scene(
     depsgraph: bpy.types.Depsgraph,
     options: ExportOptions,
     render_world: RenderWorld = _no_render,
-    finish_mesh: FinishMesh | None = None,
 ) -> None:
     """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders. What a world's nodes do
-    `render_world` finds out where they are more than a colour or an environment texture; `finish_mesh` finishes meshes
-    that would hold up the window, if there is one."""
+    `render_world` finds out where they are more than a colour or an environment texture."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
     if not depsgraph.view_layer.use_solid:
@@ -79,8 +76,7 @@ def export_scene(
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     camera = _camera_object(depsgraph, options)
     builder.set_camera(camera_json(camera, scene, size))
-    warn_about_scene(depsgraph, builder.warn)
-    _SceneExporter(builder, depsgraph, camera, render_world, finish_mesh).run()
+    _SceneExporter(builder, depsgraph, camera, render_world).run()
 
 
 def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
@@ -88,9 +84,9 @@ def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bp
     camera = scene.objects.get(options.camera) if options.camera else scene.camera
     if camera is None or camera.type != "CAMERA":
         cameras = [obj.name for obj in scene.objects if obj.type == "CAMERA"]
-        wanted = f"camera '{options.camera}' is not in scene '{scene.name}'" if options.camera else "no camera is set"
+        problem = f"camera '{options.camera}' is not in the scene" if options.camera else "no camera is set"
         have = f"its cameras are: {', '.join(cameras)}" if cameras else "add a camera"
-        raise ExportError(f"{wanted}; {have}")
+        raise ExportError(f"{problem}; {have}")
     return camera.evaluated_get(depsgraph)
 
 
@@ -103,13 +99,14 @@ class _Shared(NamedTuple):
 
 
 class _SceneExporter:
+    """Exports all that one depsgraph holds."""
+
     def __init__(
         self,
         builder: Any,
         depsgraph: bpy.types.Depsgraph,
         camera: bpy.types.Object,
         render_world: RenderWorld,
-        finish_mesh: FinishMesh | None,
     ):
         self.builder = builder
         self.camera = camera
@@ -122,14 +119,14 @@ class _SceneExporter:
         self.lights = LightExporter(
             lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking, builder.constant_emission
         )
-        self.geometry = GeometryExporter(builder, depsgraph, asked_attributes(), finish_mesh)
+        self.geometry = GeometryExporter(builder, asked_attributes())
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, int], _Shared] = {}
         """Shared properties of instances, by the uids of an object and of its instancer, and its mesh."""
 
     def run(self) -> None:
-        self.geometry.begin()
+        """Exports instances, lights, camera and world."""
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
@@ -151,7 +148,7 @@ class _SceneExporter:
 
     def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance, uid: int) -> None:
         obj = instance.object
-        mesh = self.geometry.mesh_number(instance)
+        mesh = self.geometry.mesh_number(obj)
         if mesh is None:
             return
         owner = _owner(instance).original
@@ -204,9 +201,9 @@ class _SceneExporter:
 
     def _is_new(self, uid: int, kind: str) -> bool:
         """True if an object is met in a type for the first time."""
-        found = (uid, kind) not in self.known
+        is_new = (uid, kind) not in self.known
         self.known.add((uid, kind))
-        return found
+        return is_new
 
     def _warn_about_type(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
@@ -224,8 +221,8 @@ class _SceneExporter:
                 continue
             system = modifier.particle_system
             if system.settings.type == "HAIR" and system.settings.render_type == "PATH" and len(system.particles):
-                what = f"hair of particle system '{system.name}'"
-                self.builder.warn(f"object '{obj.name}': {what} is not supported yet; left out")
+                problem = f"hair of particle system '{system.name}'"
+                self.builder.warn(f"object '{obj.name}': {problem} is not supported yet; left out")
 
     def _warn_about_rays(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
@@ -236,8 +233,10 @@ class _SceneExporter:
         if not obj.visible_shadow:
             warn(f"object '{name}': an object without shadow is not supported; it blocks light")
         elif hidden := [ray for ray in ("diffuse", "glossy", "transmission") if not getattr(obj, f"visible_{ray}")]:
-            what = f"hidden from {' and '.join(hidden)} rays, it casts no shadow on what sends them; Cycles shows one"
-            warn(f"object '{name}': {what}")
+            problem = (
+                f"hidden from {' and '.join(hidden)} rays, it casts no shadow on what sends them; Cycles shows one"
+            )
+            warn(f"object '{name}': {problem}")
 
     def _warn_about_emitter(self, obj: bpy.types.Object) -> None:
         warn, name, linking = self.builder.warn, obj.name, obj.light_linking
@@ -247,13 +246,15 @@ class _SceneExporter:
             warn(f"object '{name}': shadow linking is not representable; every object blocks its light")
 
     def _warn_about_attributes(self, obj: bpy.types.Object, mesh: int, materials: list[int]) -> None:
-        for asked in (self.materials.attributes[number] for number in materials):
-            for name in sorted(asked.keys() - self.geometry.attributes[mesh]):
-                where = asked.pop(name)  # Said once for each material.
-                what = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
+        for attributes in (self.materials.attributes[number] for number in materials):
+            for name in sorted(attributes.keys() - self.geometry.attributes[mesh]):
+                where = attributes.pop(name)  # Said once for each material.
+                problem = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
                 if name == ANY_UV_MAP:
-                    what = "its mesh has no UV map, and the normal map bends light otherwise than in Cycles; unwrap it"
-                self.builder.warn(f"object '{obj.name}', {where}: {what}")
+                    problem = (
+                        "its mesh has no UV map, and the normal map bends light otherwise than in Cycles; unwrap it"
+                    )
+                self.builder.warn(f"object '{obj.name}', {where}: {problem}")
 
 
 def _owner(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:

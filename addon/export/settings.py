@@ -9,8 +9,8 @@ import bpy
 
 
 def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[str, Any]:
-    """Settings of a final Cycles render of the scene; Blender's defaults where Cycles is not enabled. Names through
-    `warn` what paths without lights cannot represent."""
+    """Settings of a final Cycles render of the scene; Blender's defaults where Cycles is not enabled. `warn` gets a
+    message for each that paths without lights cannot represent."""
     cycles = getattr(scene, "cycles", None)
     if cycles is None:
         warn(f"scene '{scene.name}': Cycles is not enabled; its default settings are used")

@@ -17,7 +17,7 @@ ASPECT_TOLERANCE = 0.01
 INVERSES = {"AgX": "AgX Base sRGB", "Filmic": "Filmic sRGB"}
 """Colour spaces of Blender that undo a view transform on an sRGB display."""
 DISPLAY_FORMATS = {"BMP", "IRIS", "PNG", "JPEG", "JPEG2000", "TARGA", "TARGA_RAW", "WEBP", "TIFF"}
-"""Files with what a display shows, whatever their bits."""
+"""Formats of files with display colours, whatever their bits."""
 
 
 class TargetError(Exception):
@@ -26,7 +26,7 @@ class TargetError(Exception):
 
 @dataclass(frozen=True)
 class Picture:
-    """The pixels of an image data-block, and what they mean."""
+    """Pixels of an image data-block, and their meaning."""
 
     name: str
     pixels: np.ndarray
@@ -38,7 +38,7 @@ class Picture:
     """True if the picture holds display colours, whatever its bit depth."""
 
 
-def taken(image: bpy.types.Image, room: np.ndarray | None = None) -> Picture:
+def pixels_of(image: bpy.types.Image, room: np.ndarray | None = None) -> Picture:
     """An image's pixels, in an array of that many numbers if there is `room`; Blender reads its file for it if it has
     not yet."""
     width, height = image.size
@@ -54,7 +54,7 @@ def read_target(
     scene: bpy.types.Scene, picture: Picture, colors: str, size: tuple[int, int]
 ) -> tuple[np.ndarray, str, bool]:
     """Reads a target as scene-linear colours [height, width, 3] of width and height `size`, top row first. Also returns
-    how its colours were understood, and True if that is doubtful. `colors` is that of `RelumeSolve.target_colors`.
+    how its colours were understood, and True if that is doubtful. `colors` is one of `RelumeSolve.target_colors`.
     Raises TargetError."""
     pixels = _fitted(picture, size)[..., :3]
     if not np.isfinite(pixels).all():
@@ -63,12 +63,12 @@ def read_target(
         raise TargetError(f"target '{picture.name}' is all black")
     if colors == "LINEAR" or (colors == "AUTO" and not picture.is_display):
         linear = pixels if picture.is_float or picture.is_data else from_srgb(pixels)
-        found = linear, "Target read as scene-linear light", False
+        outcome = linear, "Target read as scene-linear light", False
     else:
         # Blender has made light of pixels with more than 8 bits, by the sRGB curve.
         shown = to_srgb(pixels) if picture.is_float and not picture.is_data else pixels
-        found = (from_srgb(shown), "Target read as plain sRGB", False) if colors == "SRGB" else undone(scene, shown)
-    return np.ascontiguousarray(found[0], np.float32), *found[1:]
+        outcome = (from_srgb(shown), "Target read as plain sRGB", False) if colors == "SRGB" else undone(scene, shown)
+    return np.ascontiguousarray(outcome[0], np.float32), *outcome[1:]
 
 
 def read_mask(picture: Picture, size: tuple[int, int]) -> np.ndarray:
@@ -94,8 +94,8 @@ def undone(scene: bpy.types.Scene, shown: np.ndarray) -> tuple[np.ndarray, str, 
     if plain and name in INVERSES and scene.display_settings.display_device == "sRGB":
         linear = _through_blender(shown**view.gamma, INVERSES[name]) / exposure
         return linear, f"Target read as this scene displays it ({name})", False
-    what = f"{name} with its look, curves or white balance" if name in INVERSES else name
-    return from_srgb(shown), f"Target read as plain sRGB: {what} cannot be undone", True
+    transform = f"{name} with its look, curves or white balance" if name in INVERSES else name
+    return from_srgb(shown), f"Target read as plain sRGB: {transform} cannot be undone", True
 
 
 def from_srgb(encoded: np.ndarray) -> np.ndarray:
@@ -135,9 +135,9 @@ def _fitted(picture: Picture, size: tuple[int, int]) -> np.ndarray:
     if width == 0 or height == 0:
         raise TargetError(f"image '{picture.name}' has no pixels: is its file still there?")
     if abs(width * size[1] / (height * size[0]) - 1.0) > ASPECT_TOLERANCE:
-        wanted = f"{size[0]} x {size[1]}"
+        frame = f"{size[0]} x {size[1]}"
         raise TargetError(
-            f"image '{picture.name}' is {width} x {height} and the camera's frame {wanted}: crop it to the same aspect"
+            f"image '{picture.name}' is {width} x {height} and the camera's frame {frame}: crop it to the same aspect"
         )
     pixels = resized(picture.pixels[::-1], size)
     if channels < 3:

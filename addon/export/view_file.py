@@ -1,6 +1,5 @@
-"""A bake's `view.png`: the scene's view as a table, so that what needs no Blender shows pictures as Blender does.
-
-Layout and spacing are those of `relume_image::ViewTransform`."""
+"""A bake's `view.png`: the scene's view as a table, so that programs without Blender show pictures as Blender does.
+Layout and spacing follow `relume_image::ViewTransform`."""
 
 from __future__ import annotations
 
@@ -34,8 +33,8 @@ def stamp(scene: bpy.types.Scene) -> bytes:
 
 
 def write_view_table(scene: bpy.types.Scene, path: Path, stamped: bytes = b"") -> None:
-    """Makes the file that of the scene's view: a 16-bit PNG of SIZE^2 by SIZE pixels, whole or not at all, or none for
-    the plain sRGB curve. `stamped` is another scene's `stamp` that has the same view."""
+    """Writes the file of the scene's view: a 16-bit PNG of SIZE^2 by SIZE pixels, whole or not at all, or none for the
+    plain sRGB curve. `stamped` is another scene's `stamp` that has the same view."""
     if is_standard(scene):
         path.unlink(missing_ok=True)
         return

@@ -51,20 +51,20 @@ def view_settings(scene: bpy.types.Scene, with_exposure: bool = True) -> dict[st
     """All that the view of a scene depends on, as JSON has it, for `set_view` in another Blender; with or without
     exposure."""
     view = scene.view_settings
-    found: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "working_space": working_space(),
         "display": _plain(scene.display_settings),
         "view": _plain(view),
         "curves": None,
     }
     if not with_exposure:
-        found["view"]["exposure"] = 0.0
+        settings["view"]["exposure"] = 0.0
     if view.use_curve_mapping:
         mapping = view.curve_mapping
         points = [[[*point.location, point.handle_type] for point in curve.points] for curve in mapping.curves]
         levels = {name: list(getattr(mapping, name)) for name in ("black_level", "white_level")}
-        found["curves"] = {"settings": _plain(mapping) | levels, "points": points}
-    return found
+        settings["curves"] = {"settings": _plain(mapping) | levels, "points": points}
+    return settings
 
 
 def view_key(scene: bpy.types.Scene, with_exposure: bool = True) -> str:
@@ -74,15 +74,15 @@ def view_key(scene: bpy.types.Scene, with_exposure: bool = True) -> str:
 
 def _plain(owner: bpy.types.bpy_struct) -> dict[str, Any]:
     """Properties that are numbers or words; others follow from these."""
-    found = {name: getattr(owner, name) for name in owner.bl_rna.properties.keys()}
-    return {name: value for name, value in found.items() if isinstance(value, bool | int | float | str)}
+    values = {name: getattr(owner, name) for name in owner.bl_rna.properties.keys()}
+    return {name: value for name, value in values.items() if isinstance(value, bool | int | float | str)}
 
 
 def set_view(scene: bpy.types.Scene, settings: dict[str, Any]) -> None:
     """Gives a scene the view of another one (`view_settings`), and the file its working space."""
-    wanted = settings["working_space"]
-    if working_space() != wanted:
-        bpy.ops.wm.set_working_color_space(working_space=wanted, convert_colors=False)
+    space = settings["working_space"]
+    if working_space() != space:
+        bpy.ops.wm.set_working_color_space(working_space=space, convert_colors=False)
     _set(scene.display_settings, settings["display"])
     _set(scene.view_settings, settings["view"])
     if settings["curves"] is not None:
@@ -97,12 +97,12 @@ def _set(owner: bpy.types.bpy_struct, values: dict[str, Any]) -> None:
 
 def _set_curves(mapping: bpy.types.CurveMapping, curves: dict[str, Any]) -> None:
     _set(mapping, curves["settings"])
-    for curve, wanted in zip(mapping.curves, curves["points"], strict=True):
-        while len(curve.points) < len(wanted):
+    for curve, points in zip(mapping.curves, curves["points"], strict=True):
+        while len(curve.points) < len(points):
             curve.points.new(0.0, 0.0)
-        while len(curve.points) > len(wanted):
+        while len(curve.points) > len(points):
             curve.points.remove(curve.points[-1])
-        for point, (x, y, handle) in zip(curve.points, wanted, strict=True):
+        for point, (x, y, handle) in zip(curve.points, points, strict=True):
             point.location, point.handle_type = (x, y), handle
     mapping.update()
 
@@ -159,7 +159,7 @@ def _read(path: Path) -> np.ndarray:
 def _png_settings(scene: bpy.types.Scene, view: dict[str, Any] | None) -> Iterator[None]:
     """Sixteen bits, no dithering, coloured by the scene or a view of its own; all settings put back afterwards."""
     output = scene.render.image_settings
-    wanted: list[tuple[Any, str, Any]] = [
+    settings: list[tuple[Any, str, Any]] = [
         (output, "media_type", "IMAGE"),
         (output, "file_format", "PNG"),
         (output, "color_mode", "RGB"),
@@ -169,11 +169,11 @@ def _png_settings(scene: bpy.types.Scene, view: dict[str, Any] | None) -> Iterat
         (scene.render, "dither_intensity", 0.0),
     ]
     for name, value in (view or {}).items():
-        wanted.append((output.display_settings if name == "display_device" else output.view_settings, name, value))
-    wanted = [(owner, name, value) for owner, name, value in wanted if hasattr(owner, name)]
-    before = [(owner, name, getattr(owner, name)) for owner, name, _ in wanted]
+        settings.append((output.display_settings if name == "display_device" else output.view_settings, name, value))
+    settings = [(owner, name, value) for owner, name, value in settings if hasattr(owner, name)]
+    before = [(owner, name, getattr(owner, name)) for owner, name, _ in settings]
     try:
-        for owner, name, value in wanted:
+        for owner, name, value in settings:
             setattr(owner, name, value)
         yield
     finally:

@@ -47,17 +47,19 @@ def export_world(
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
 ) -> None:
-    """Sets the world of `builder`; what cannot be represented is named."""
+    """Sets the world of `builder` and warns of parts that cannot be represented."""
     world = world_of(scene, view_layer)
     if world is None:
         builder.set_world(BLACK)
         return
     exporter = _WorldExporter(builder, images, texture_of, world, scene.render.film_transparent)
-    exporter.name_settings(scene)
+    exporter.warn_of_settings(scene)
     exporter.run()
 
 
 class _WorldExporter:
+    """Exports one world: as a constant, a picture with a rotation, or rendered by Cycles."""
+
     def __init__(
         self,
         builder: Any,
@@ -74,33 +76,34 @@ class _WorldExporter:
         visibility = getattr(world, "cycles_visibility", None)
         self.visible_camera = (visibility is None or visibility.camera) and not film_transparent
 
-    def name_settings(self, scene: bpy.types.Scene) -> None:
-        """Names settings of the world that paths without lights cannot represent."""
+    def warn_of_settings(self, scene: bpy.types.Scene) -> None:
+        """Warns of settings of the world that paths without lights cannot represent."""
         visibility = getattr(self.world, "cycles_visibility", None)
         for ray in HIDDEN_RAYS:
             if not getattr(visibility, ray, True):
-                self._name(f"ray visibility without {ray} is not supported yet; {ray} rays see it")
+                self._warn(f"ray visibility without {ray} is not supported yet; {ray} rays see it")
         cycles = getattr(self.world, "cycles", None)
         if cycles is None:
             return
         if cycles.max_bounces < scene.cycles.max_bounces:
-            self._name("a limit of its bounces is not supported yet; it lights along whole paths")
+            self._warn("a limit of its bounces is not supported yet; it lights along whole paths")
         if not getattr(cycles, "use_shadows", True):
-            self._name("light without shadow is not supported; objects block it")
+            self._warn("light without shadow is not supported; objects block it")
 
     def run(self) -> None:
+        """Exports the light of the world."""
         tree = used_tree(self.world)
         if tree is None:
             self._set(list(self.world.color))
             return
-        found = surface_socket(tree)
-        if found is None:
+        output = surface_socket(tree)
+        if output is None:
             self._set(BLACK)
             return
-        surface, context = found
+        surface, context = output
         volume = surface.node.inputs.get("Volume")
         if volume is not None and resolve(volume, context):
-            self._name("its volume is not supported yet; left out")
+            self._warn("its volume is not supported yet; left out")
         source = self.reader.follow(surface, context)
         if not (isinstance(source, Source) and self._background(source)):
             emission = self.reader.emission(surface, context)
@@ -109,7 +112,7 @@ class _WorldExporter:
             else:
                 self._rendered(source)
         if self.reader.uses_light_path:
-            self._name(
+            self._warn(
                 "what depends on Light Path is as diffuse rays see it; to camera and reflections it may look different"
             )
 
@@ -141,13 +144,13 @@ class _WorldExporter:
 
     def _direction(self, user: Source, socket: str) -> Matrix | None:
         """The texture direction that a node gets, from the world direction; None if it is no linear map of it."""
-        wanted = user.node.inputs[socket]
-        found = self.reader.follow(wanted, user.context)
-        if user.node.bl_idname != "ShaderNodeMapping" and is_implied(found, wanted):
+        input_socket = user.node.inputs[socket]
+        source = self.reader.follow(input_socket, user.context)
+        if user.node.bl_idname != "ShaderNodeMapping" and is_implied(source, input_socket):
             return Matrix.Identity(3)
-        if not isinstance(found, Source):
+        if not isinstance(source, Source):
             return None
-        node, key = found.node, (found.node.bl_idname, found.socket.identifier)
+        node, key = source.node, (source.node.bl_idname, source.socket.identifier)
         if key == ("ShaderNodeTexCoord", "Object") and node.object is not None:
             place = Matrix(place_of(node.object))
             return None if any(place.translation) else place.to_3x3().inverted_safe()
@@ -155,7 +158,7 @@ class _WorldExporter:
             return Matrix.Identity(3)
         if key in BACKWARD:
             return Matrix.Identity(3) * -1.0
-        return self._mapping(found) if node.bl_idname == "ShaderNodeMapping" else None
+        return self._mapping(source) if node.bl_idname == "ShaderNodeMapping" else None
 
     def _mapping(self, source: Source) -> Matrix | None:
         """Matrix of a Mapping node, combined with those before it."""
@@ -186,13 +189,13 @@ class _WorldExporter:
             if strength is not None:
                 graph.take_strength()
             for note in filter(None, map(note_on, graph.images.values())):
-                self._name(note)
+                self._warn(note)
             texture = self.texture_of(graph, self.world.name)
         except UnsupportedNodeError as error:
-            self._name(f"{error}, which is not supported yet; the world is black")
+            self._warn(f"{error}, which is not supported yet; the world is black")
             self._set(BLACK)
         except WorldRenderError as error:
-            self._name(f"Cycles could not render it: {error}; the world is black")
+            self._warn(f"Cycles could not render it: {error}; the world is black")
             self._set(BLACK)
         else:
             self._set([1.0 if strength is None else strength] * 3, texture=texture)
@@ -201,5 +204,5 @@ class _WorldExporter:
         rows = [list(row) for row in (matrix or Matrix.Identity(3))]
         self.builder.set_world(color, texture=texture, texture_from_world=rows, visible_camera=self.visible_camera)
 
-    def _name(self, what: str) -> None:
-        self.builder.warn(f"world '{self.world.name}': {what}")
+    def _warn(self, message: str) -> None:
+        self.builder.warn(f"world '{self.world.name}': {message}")

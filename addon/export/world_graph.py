@@ -53,7 +53,8 @@ class WorldReader:
     """Follows the nodes of a world, past mixtures of which one side counts only."""
 
     def __init__(self, constant_emission: ConstantEmission | None = None):
-        """`constant_emission` computes what nodes come to; without, only nodes that are constants themselves count."""
+        """`constant_emission` computes the value of nodes; without it only nodes that are constants themselves
+        count."""
         self.uses_light_path = False
         """True if anything depended on the kind of ray that sees the world."""
         self._constant_emission = constant_emission
@@ -61,18 +62,18 @@ class WorldReader:
     def follow(self, socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
         """Traces like `trace`, also through Mix nodes with a factor of 0 or 1."""
         while True:
-            found = trace(socket, context)
-            sides = _sides(found.node) if isinstance(found, Source) else None
-            if not isinstance(found, Source) or sides is None:
-                return found
-            factor = self.constant(sides.factor, found.context)
+            source = trace(socket, context)
+            sides = _sides(source.node) if isinstance(source, Source) else None
+            if not isinstance(source, Source) or sides is None:
+                return source
+            factor = self.constant(sides.factor, source.context)
             if factor == 0.0:
                 socket = sides.first
             elif factor == 1.0 and sides.is_second_alone:
                 socket = sides.second
             else:
-                return found
-            context = found.context
+                return source
+            context = source.context
 
     def emission(self, surface: bpy.types.NodeSocket, context: Context) -> list[float] | None:
         """Emission of a shader socket in all directions; None if it varies."""
@@ -80,8 +81,8 @@ class WorldReader:
 
     def constant(self, socket: bpy.types.NodeSocket, context: Context) -> Value | None:
         """The value of a socket that only constants feed; None otherwise."""
-        found = constant_of(self.follow(socket, context), socket)
-        return found if found is not None else self._computed(ConstantTranslation.constant, socket, context)
+        value = constant_of(self.follow(socket, context), socket)
+        return value if value is not None else self._computed(ConstantTranslation.constant, socket, context)
 
     def _computed(self, compute: Any, socket: bpy.types.NodeSocket, context: Context) -> Any:
         if self._constant_emission is None:
@@ -99,6 +100,7 @@ class WorldGraph:
     """The nodes behind a surface shader of a world, each with its type, settings and inputs."""
 
     def __init__(self, surface: Source, reader: WorldReader):
+        """Describes all nodes that feed a surface."""
         self.nodes: list[dict[str, Any]] = []
         self.images: dict[str, bpy.types.Image] = {}
         """Images by their full names."""
@@ -148,15 +150,15 @@ class WorldGraph:
         }
 
     def _input(self, socket: bpy.types.NodeSocket, context: Context) -> Any:
-        """A value, a link, or None of what is implied."""
-        found = self._reader.follow(socket, context)
-        if isinstance(found, Source) and found.node.bl_idname != "ShaderNodeLightPath":
-            return self._link(found)
+        """Value of an input, or its link; None if it is implied."""
+        source = self._reader.follow(socket, context)
+        if isinstance(source, Source) and source.node.bl_idname != "ShaderNodeLightPath":
+            return self._link(source)
         if socket.type == "SHADER" or not hasattr(socket, "default_value"):
             return None
-        if isinstance(found, Constant) and found.owner == socket:
+        if isinstance(source, Constant) and source.owner == socket:
             return None if socket.hide_value else plain(socket.default_value)
-        if socket.identifier in IMPLIED and is_implied(found, socket):
+        if socket.identifier in IMPLIED and is_implied(source, socket):
             return None
         value = self._reader.constant(socket, context)
         value = 0.0 if value is None else value

@@ -5,14 +5,14 @@ from __future__ import annotations
 import bpy
 
 from ..core.progress import share_and_words
-from ..engine import background, shot
-from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
-from ..engine.options import remember_bake
-from ..engine.process import NoCopyError
+from ..engine.shot import background, shot
+from ..engine.shot.checks import ProblemError, check_start
+from ..engine.shot.options import remember_bake
+from ..engine.workers.process import NoCopyError
 from ..viewport.views import redraw
-from . import handlers
 from .panel import RelumePanel, message
+from .start import open_bake
 
 TICK_SECONDS = 0.25
 STAGES = {
@@ -34,7 +34,7 @@ def start(scene: bpy.types.Scene) -> background.BackgroundBake:
 
 
 def tick() -> bool:
-    """One turn of polling; opens what is ready. Whether there is to be another one."""
+    """Polls once and opens finished bakes; returns True if it is to be called again."""
     for job in background.all_jobs():
         if job.poll():
             redraw("UI")
@@ -50,14 +50,14 @@ def _open(job: background.BackgroundBake) -> None:
             continue
         try:
             remember_bake(scene, job.folder)
-            handlers.open_bake(scene)
+            open_bake(scene)
         except (NativeModuleError, RuntimeError, ValueError, OSError) as error:
             job.error = f"it could not be opened: {error}"
 
 
-def _is_free(found: shot.Shot | None, job: background.BackgroundBake) -> bool:
+def _is_free(opened: shot.Shot | None, job: background.BackgroundBake) -> bool:
     """True if a finished bake may replace the one that is shown of its scene."""
-    return found is None or (found.folder == job.folder and not found.is_working)
+    return opened is None or (opened.folder == job.folder and not opened.is_working)
 
 
 def _timer() -> float | None:
@@ -132,18 +132,17 @@ class RELUME_PT_background(RelumePanel, bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (RELUME_OT_background_start, RELUME_OT_background_cancel, RELUME_PT_background)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds panel and operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
 
 
 def unregister():
-    """Takes them away and ends what runs."""
+    """Takes them away and ends all bakes."""
     background.close_all()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

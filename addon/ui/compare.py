@@ -1,5 +1,5 @@
 """Shows two looks beside each other: asks for the picture of each, one after the other, and hands both to the overlay.
-What the scene has at present is asked for again afterwards."""
+Afterwards the picture of the present lights is asked for again."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from bpy.app.handlers import persistent
 from ..core.looks import match
 from ..core.receivers import with_numbers
 from ..core.rows import mix_for
-from ..engine import shot
+from ..core.status import is_final
+from ..engine.shot import shot as shots
+from ..live import rows
+from ..live.scheduler import scheduler
 from ..viewport import compare
-from . import handlers, rows
 from .looks import RelumeLook
 
 STEP_SECONDS = 1 / 30
@@ -30,21 +32,21 @@ class Comparison:
     """Collects the frames of one or two looks."""
 
     def __init__(self, scene: bpy.types.Scene, looks: list[RelumeLook]):
-        found = shot.of(scene)
-        if found is None:
+        shot = shots.of(scene)
+        if shot is None:
             raise CompareError("press Start first: looks are compared in the picture of a bake")
-        if found.frame is None:
+        if shot.frame is None:
             raise CompareError("wait for the first picture")
-        self.shot = found
+        self.shot = shot
         self.labels = (looks[0].name, looks[1].name if len(looks) > 1 else "Now")
-        self.requests = [request_of(scene, found, look) for look in looks]
+        self.requests = [request_of(scene, shot, look) for look in looks]
         self.frames: list[Any] = []
         self.number = 0
         self._ask()
 
     def _ask(self) -> None:
         self.number = self.shot.ask(self.requests[len(self.frames)])
-        handlers.wake()
+        scheduler.wake()
 
     def step(self) -> bool:
         """Advances by one step; returns True if it is to be called again."""
@@ -62,7 +64,7 @@ class Comparison:
             self._ask()
             return True
         compare.set_pair(scene, *[*self.frames, None][:2], scene.relume_view.compare, self.labels)
-        handlers.changed(scene)
+        scheduler.request_picture(scene)
         return False
 
 
@@ -80,30 +82,24 @@ def running(scene: bpy.types.Scene) -> Comparison | None:
 
 
 def stop(scene: bpy.types.Scene) -> None:
-    """Back to the live picture alone."""
+    """Ends a comparison and shows the live picture alone."""
     _running.pop(scene.session_uid, None)
     compare.clear(scene)
-    handlers.changed(scene)
+    scheduler.request_picture(scene)
 
 
-def request_of(scene: bpy.types.Scene, found: shot.Shot, look: RelumeLook) -> str:
+def request_of(scene: bpy.types.Scene, shot: shots.Shot, look: RelumeLook) -> str:
     """Request for the picture of a look, as it was when the look was made; without one, as for an imported look, its
     rows with the present lights."""
     if look.request:
-        kept = json.dumps(json.loads(look.request) | {"interactive": False})
-        return with_numbers(kept, found.lights.receivers)
-    lights = handlers.lights_of(scene, found)
+        request = json.dumps(json.loads(look.request) | {"interactive": False})
+        return with_numbers(request, shot.lights.receivers)
+    lights = scheduler.lights_of(scene, shot)
     present, groups, memberships = rows.plain(scene)
     values = match(look.look(), [*present, *groups]).rows
     names = [light["name"] for light in lights]
     mix = mix_for(names, values[: len(present)], values[len(present) :], memberships)
-    return shot.request_text({"lights": lights, **mix})
-
-
-def is_final(frame: Any) -> bool:
-    """True if no better frame of the same request is to come."""
-    summary = json.loads(frame.summary)
-    return frame.scale == 1 and summary.get("settled", True)
+    return shots.request_text({"lights": lights, **mix})
 
 
 def _timer() -> float | None:

@@ -16,11 +16,12 @@ from ..apply.look_lights import light_state, refusals, restore_lights
 from ..apply.writable import RefusedError
 from ..core.looks import Look, LookError, from_json, match, to_json
 from ..core.receivers import with_names
-from ..core.rows import LIGHT
-from ..engine import shot
-from ..export.light_tree import light_tree
+from ..engine.shot import shot as shots
+from ..export.light_tree import light_objects
 from ..export.lights import name_of
-from . import handlers, rows, thumbnails
+from ..live import rows
+from ..live.scheduler import scheduler
+from . import thumbnails
 
 
 def _renamed(entry: RelumeLook, _context: Any) -> None:
@@ -63,23 +64,23 @@ class Outcome:
     """Lights of the scene that the look does not know; they are switched off."""
 
     def __str__(self) -> str:
-        said = []
+        sentences = []
         if self.missing:
-            said.append(f"not in this scene: {', '.join(self.missing)}")
+            sentences.append(f"not in this scene: {', '.join(self.missing)}")
         if self.unknown:
-            said.append(f"not in the look, so switched off: {', '.join(self.unknown)}")
-        return "; ".join(said)
+            sentences.append(f"not in the look, so switched off: {', '.join(self.unknown)}")
+        return "; ".join(sentences)
 
 
 def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
     """Keeps rows, lights and, if it is there already, their picture."""
     entry = add(scene, current(scene, name))
-    found = shot.of(scene)
-    if found is not None:
-        request = shot.request_text(handlers.content_of(scene, found))
-        entry.request = with_names(request, found.lights.receivers)
-        if found.present_frame is not None:
-            entry.thumbnail = thumbnails.encode(scene, found.present_frame.image)
+    shot = shots.of(scene)
+    if shot is not None:
+        request = shots.request_text(scheduler.content_of(scene, shot))
+        entry.request = with_names(request, shot.lights.receivers)
+        if shot.present_frame is not None:
+            entry.thumbnail = thumbnails.encode(scene, shot.present_frame.image)
     return entry
 
 
@@ -87,7 +88,7 @@ def current(scene: bpy.types.Scene, name: str) -> Look:
     """Rows and lights as they are."""
     rows.sync(scene)
     return Look(
-        name, tuple(row.values() for row in rows.present_rows(scene)), tuple(map(light_state, lights_of(scene)))
+        name, tuple(row.values() for row in rows.present_rows(scene)), tuple(map(light_state, light_objects(scene)))
     )
 
 
@@ -106,7 +107,7 @@ def free_name(name: str, others: set[str]) -> str:
     """The name, numbered as Blender does if it is taken."""
     name = name or "Look"
     numbers = (f"{name}.{number:03}" for number in range(1, len(others) + 2))
-    return name if name not in others else next(found for found in numbers if found not in others)
+    return name if name not in others else next(numbered for numbered in numbers if numbered not in others)
 
 
 def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome:
@@ -117,16 +118,16 @@ def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome
     if lights:
         _restore_lights(scene, look)
     present = rows.present_rows(scene)
-    found = match(look, [row.values() for row in present])
-    for row, values in zip(present, found.rows, strict=True):
+    matched = match(look, [row.values() for row in present])
+    for row, values in zip(present, matched.rows, strict=True):
         row.take(values)
-    handlers.read_lights(scene)
-    return Outcome(found.missing, found.unknown)
+    scheduler.read_lights(scene)
+    return Outcome(matched.missing, matched.unknown)
 
 
 def _restore_lights(scene: bpy.types.Scene, look: Look) -> None:
     """Makes the lights that the look adds and are not there, then writes all; or raises, and has done nothing."""
-    lights = lights_of(scene)
+    lights = light_objects(scene)
     names = {name_of(obj) for obj in lights}
     added = [state for state in look.lights if state.get("added") and state["name"] not in names]
     reasons = [*refusals(lights, look.lights), *new_lights.refusals(scene, added)]
@@ -134,11 +135,6 @@ def _restore_lights(scene: bpy.types.Scene, look: Look) -> None:
         raise RefusedError(reasons)
     restore_lights([*lights, *new_lights.make(scene, added)], look.lights)
     rows.sync(scene)
-
-
-def lights_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The light objects that have rows."""
-    return [line.block for line in light_tree(scene) if line.kind == LIGHT]
 
 
 def delete(scene: bpy.types.Scene, place: int) -> None:
@@ -150,22 +146,22 @@ def delete(scene: bpy.types.Scene, place: int) -> None:
 
 def export_file(look: Look, path: Path) -> None:
     """Writes a look, whole or not at all. Raises OSError."""
-    part = path.with_name(f".part-{path.name}")
+    partial_file = path.with_name(f".part-{path.name}")
     try:
-        part.write_text(to_json(look), encoding="utf-8")
-        part.replace(path)
+        partial_file.write_text(to_json(look), encoding="utf-8")
+        partial_file.replace(path)
     finally:
-        part.unlink(missing_ok=True)
+        partial_file.unlink(missing_ok=True)
 
 
 def import_file(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, Outcome]:
-    """Adds a look from a file; what of it this scene does not have. Raises LookError or OSError."""
+    """Adds a look from a file; the outcome names its parts that this scene lacks. Raises LookError or OSError."""
     if path.stat().st_size > 1 << 26:
         raise LookError(f"this is not a look: {path.name} is larger than 64 MB")
     look = from_json(path.read_bytes())
     rows.sync(scene)
-    found = match(look, [row.values() for row in rows.present_rows(scene)])
-    return add(scene, look), Outcome(found.missing, found.unknown)
+    matched = match(look, [row.values() for row in rows.present_rows(scene)])
+    return add(scene, look), Outcome(matched.missing, matched.unknown)
 
 
 def active_look(scene: bpy.types.Scene) -> RelumeLook | None:
@@ -175,12 +171,12 @@ def active_look(scene: bpy.types.Scene) -> RelumeLook | None:
 
 
 CLASSES = (RelumeLook, RelumeLooks)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds `scene.relume_looks`."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     bpy.types.Scene.relume_looks = PointerProperty(type=RelumeLooks)
 
 
@@ -188,5 +184,4 @@ def unregister():
     """Takes it away; values stay in the file."""
     thumbnails.free()
     del bpy.types.Scene.relume_looks
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

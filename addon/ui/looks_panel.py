@@ -10,7 +10,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ..apply.writable import RefusedError
 from ..core.looks import LookError
-from ..engine import shot
+from ..engine.shot import shot
 from ..viewport import compare as pairs
 from . import compare, looks, thumbnails
 from .panel import RelumePanel
@@ -23,7 +23,7 @@ class _OnLook:
 
     @classmethod
     def poll(cls, context):
-        """Only with a look."""
+        """True if there is a look."""
         return looks.active_look(context.scene) is not None
 
 
@@ -233,17 +233,16 @@ CLASSES = (
     RELUME_UL_looks,
     RELUME_PT_looks,
 )
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds panel and operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     compare.register()
 
 
 def unregister():
     """Takes them away, and ends comparisons."""
     compare.unregister()
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

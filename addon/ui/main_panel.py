@@ -1,4 +1,4 @@
-"""The first panel: what is there, what is being done, what is shown, what has changed."""
+"""The first panel: state of the shot, progress, and changes since the bake."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from ..core.bake_folder import why_no_bake
 from ..core.disk import free_space
 from ..core.polled_cache import Key, PolledCache, Value
 from ..core.words import Kind
-from ..engine import shot
-from ..engine.checks import disk_space
-from ..engine.options import places_of_bake
+from ..engine.shot import shot as shots
+from ..engine.shot.checks import disk_space
+from ..engine.shot.options import places_of_bake
+from ..live import opening
 from ..viewport import handlers as viewport
 from ..viewport.views import redraw
-from . import handlers
 from .panel import RelumePanel, message
 
 DISK_SECONDS = 2.0
-"""Between looks at the disk: panels are drawn for every movement of the mouse."""
+"""Seconds between reads of the disk: panels are drawn for every movement of the mouse."""
 POLL_SECONDS = 0.1
-"""Between looks whether it has answered."""
+"""Seconds between checks for the disk's answer."""
 MOST_CHANGES = 6
 """Changes that are listed one by one."""
 MOST_WARNINGS = 20
-"""Warnings that are listed, and names of one kind: hundreds of lights can each have one, and what is listed is laid out
-whenever it is drawn."""
+"""Most warnings in the list, and most names of one kind. Hundreds of lights can each have one, and every drawing lays
+out the whole list."""
 
 
 class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's naming
-    """Start, progress, and what is shown"""
+    """Start, progress, and a description of the picture"""
 
     bl_idname = "RELUME_PT_main"
     bl_label = "Relume"
@@ -42,14 +42,14 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
     def draw(self, context):
         """Called by Blender."""
         layout, scene = self.layout, context.scene
-        found = shot.of(scene)
+        shot = shots.of(scene)
         if context.space_data.region_3d.view_perspective != "CAMERA":  # The side bar has no region_data.
             layout.operator("relume.look_through_camera", icon="OUTLINER_DATA_CAMERA")
-        if found is not None:
-            _draw_shot(layout, scene, found)
-        elif words := handlers.why_not_open(scene):
+        if shot is not None:
+            _draw_shot(layout, scene, shot)
+        elif words := opening.why_not_open(scene):
             message(layout, words, "ERROR")
-        if not _can_start_here(found):
+        if not _can_start_here(shot):
             return
         viewport.prepare(scene)
         _draw_stored_bake(layout, scene)
@@ -59,9 +59,9 @@ class RELUME_PT_main(RelumePanel, bpy.types.Panel):  # noqa: N801 -- Blender's n
         row.operator("relume.start", icon="PLAY")
 
 
-def _can_start_here(found: shot.Shot | None) -> bool:
-    """Without a picture the first thing to do is to start; with one it is in the panel "Bake"."""
-    return found is None or not (found.is_working or found.frame is not None or found.is_busy)
+def _can_start_here(shot: shots.Shot | None) -> bool:
+    """True if the main panel has the button that starts: without a picture, starting comes first."""
+    return shot is None or not (shot.is_working or shot.frame is not None or shot.is_busy)
 
 
 class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
@@ -74,18 +74,18 @@ class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only where the same is not in the panel around."""
-        return not _can_start_here(shot.of(context.scene))
+        """True unless the panel around has the same buttons."""
+        return not _can_start_here(shots.of(context.scene))
 
     def draw(self, context):
         """Called by Blender."""
-        layout, found = self.layout, shot.of(context.scene)
+        layout, shot = self.layout, shots.of(context.scene)
         _draw_choices(layout, context.scene)
         row = layout.row()
-        row.enabled = not found.is_working
+        row.enabled = not shot.is_working
         row.operator("relume.rebake", icon="FILE_REFRESH")
-        if found.status["device"]:
-            layout.label(text=f"On {found.status['device']}")
+        if shot.status["device"]:
+            layout.label(text=f"On {shot.status['device']}")
 
 
 _disk = PolledCache(DISK_SECONDS)
@@ -128,18 +128,18 @@ def _draw_choices(layout, scene) -> None:
     message(layout, words, "NONE" if is_enough else "ERROR")
 
 
-def _draw_shot(layout, scene, found: shot.Shot) -> None:
-    state = found.status
+def _draw_shot(layout, scene, shot: shots.Shot) -> None:
+    state = shot.status
     message(layout, status.headline(state), "ERROR" if state["state"] == "failed" else "NONE")
     if state["error"] and state["state"] != "failed":
         message(layout, status.error(state), "ERROR")
     progress = status.progress(state)
     if progress is not None:
         layout.progress(factor=progress[0], text=progress[1])
-    if found.is_working:
+    if shot.is_working:
         row = layout.row(align=True)
         paused = state["paused"]
-        if not found.is_exporting:
+        if not shot.is_exporting:
             row.operator("relume.pause", text="Resume" if paused else "Pause", icon="PLAY" if paused else "PAUSE")
         row.operator("relume.cancel", icon="X")
     elif status.is_unfinished(state):
@@ -147,17 +147,17 @@ def _draw_shot(layout, scene, found: shot.Shot) -> None:
     # Below the buttons, which must not move under the mouse when it appears.
     if words := status.to_come(state):
         message(layout, words)
-    if found.frame is None and found.picture is not None:
+    if shot.frame is None and shot.picture is not None:
         message(layout, "Showing the bake before")
     elif status.shown(state):
         message(layout, status.shown(state))
-    if found.is_changing_world:
+    if shot.is_changing_world:
         message(layout, "Reading the world, which has changed")
-    sentences = [*found.changes.sentences, *status.out_of_sight(state)]
+    sentences = [*shot.changes.sentences, *status.out_of_sight(state)]
     if sentences:
         _draw_changes(layout, sentences)
-    if found.warnings_by_kind:
-        _draw_warnings(layout, scene, found.warnings_by_kind)
+    if shot.warnings_by_kind:
+        _draw_warnings(layout, scene, shot.warnings_by_kind)
 
 
 def _draw_changes(layout, sentences: list[str]) -> None:
@@ -221,17 +221,16 @@ def _draw_some(layout, sentences: list[str], most: int, icon: str = "NONE") -> N
 
 
 CLASSES = (RELUME_OT_unfold_warnings, RELUME_PT_main, RELUME_PT_bake)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds the panels."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
 
 
 def unregister():
     """Takes them away."""
     if bpy.app.timers.is_registered(_draw_disk_values):  # A disk may never answer.
         bpy.app.timers.unregister(_draw_disk_values)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

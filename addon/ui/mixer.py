@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import bpy
@@ -10,12 +11,15 @@ from bpy.props import StringProperty
 from ..apply.lights import apply_mix, show
 from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row, is_neutral
-from ..engine import shot
-from ..engine.visibility import hidden_by
+from ..engine.reading.visibility import hidden_by
+from ..engine.shot import shot
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
-from . import handlers, locks, rows
+from ..live import rows
+from ..live.scheduler import scheduler
 from .panel import RelumePanel
+from .rows import RelumeRow
+from .solve import locks
 
 WIDE = 340
 """Width of the sidebar, in pixels of an unscaled screen, from which on rows show the type of their light."""
@@ -39,7 +43,7 @@ def apply_to_lights(scene: bpy.types.Scene) -> None:
         is_static = row.kind == STATIC
         row.take(replace(values, solo=False, on=any(applied["static"])) if is_static else Row(row.name))
     rows.sync(scene)
-    handlers.read_lights(scene)
+    scheduler.read_lights(scene)
 
 
 def _instanced(scene: bpy.types.Scene) -> set[str] | None:
@@ -48,7 +52,14 @@ def _instanced(scene: bpy.types.Scene) -> set[str] | None:
     return None if found is None or found.lights.is_forgotten else found.lights.instanced
 
 
-def is_hidden(scene: bpy.types.Scene, row: rows.RelumeRow) -> bool:
+def reset(scene: bpy.types.Scene, neutral_rows: Iterable[RelumeRow] | None = None) -> None:
+    """Makes rows neutral, all of them by default, and shows it."""
+    for row in rows.present_rows(scene) if neutral_rows is None else neutral_rows:
+        row.take(Row(row.name))
+    scheduler.request_picture(scene)
+
+
+def is_hidden(scene: bpy.types.Scene, row: RelumeRow) -> bool:
     """Whether a light gives no light because it is hidden, itself or by what it is in. Nodes and particles show a
     hidden one all the same, unless they only read it, such as its place: as long as nobody knows, they may."""
     if row.kind != LIGHT:
@@ -112,7 +123,7 @@ class RELUME_OT_read(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        rows.reset(context.scene)
+        reset(context.scene)
         return {"FINISHED"}
 
 
@@ -128,7 +139,7 @@ class RELUME_OT_reset_row(bpy.types.Operator):  # noqa: N801
         row = rows.active_row(context.scene)
         if row is None:
             return {"CANCELLED"}
-        rows.reset(context.scene, [row])
+        reset(context.scene, [row])
         return {"FINISHED"}
 
 
@@ -258,7 +269,7 @@ class RELUME_PT_mixer(RelumePanel, bpy.types.Panel):  # noqa: N801
         line.operator("relume.read_from_lights", icon="LOOP_BACK")
 
 
-def _draw_details(box, scene: bpy.types.Scene, row: rows.RelumeRow) -> None:
+def _draw_details(box, scene: bpy.types.Scene, row: RelumeRow) -> None:
     line = box.row(align=True)
     line.label(text=row.name, icon=row.icon)
     if row.kind == LIGHT:

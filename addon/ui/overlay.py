@@ -1,4 +1,4 @@
-"""How the relit picture is shown in the 3D view: `scene.relume_view`, its panel, and the line of the wipe."""
+"""Settings of the overlay in the 3D view, `scene.relume_view`: its panel, and the line of the wipe."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..viewport.views import redraw
 from .panel import RelumePanel
 
 GRAB_PIXELS = 8.0
-"""How near to the wipe's line the mouse has to be, at a resolution scale of 1."""
+"""Distance from the wipe's line within which the mouse grabs it, at a resolution scale of 1."""
 
 
 def _redraw(_settings, _context) -> None:
@@ -81,7 +81,7 @@ class RELUME_GT_wipe(bpy.types.Gizmo):  # noqa: N801 -- Blender's naming
         """Called by Blender; `viewport.handlers` draws the line."""
 
     def test_select(self, context, location):
-        """Called by Blender: whether the mouse is on the line."""
+        """Called by Blender: 0 if the mouse is on the line, else -1."""
         scene, frame = context.scene, _frame(context)
         if frame is None or not frame.bottom <= location[1] <= frame.top:
             return -1
@@ -117,9 +117,9 @@ class RELUME_GGT_wipe(bpy.types.GizmoGroup):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only where a line is drawn."""
-        what = overlay.what_to_show(context.scene, context.space_data, context.region, context.region_data)
-        return isinstance(what, overlay.Show) and what.split != overlay.NEVER
+        """True where a line is drawn."""
+        content = overlay.what_to_show(context.scene, context.space_data, context.region, context.region_data)
+        return isinstance(content, overlay.Show) and content.split != overlay.NEVER
 
     def setup(self, context):
         """Called by Blender."""
@@ -162,12 +162,12 @@ class RELUME_PT_overlay(RelumePanel, bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (RelumeView, RELUME_GT_wipe, RELUME_GGT_wipe, RELUME_PT_overlay)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
-    """Adds `scene.relume_view`, the panel, and what draws in the views."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    """Adds `scene.relume_view`, the panel, and the drawing in views."""
+    _register()
     bpy.types.Scene.relume_view = PointerProperty(type=RelumeView)
     handlers.register()
 
@@ -176,5 +176,4 @@ def unregister():
     """Takes them away; values stay in the file."""
     handlers.unregister()
     del bpy.types.Scene.relume_view
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

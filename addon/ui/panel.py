@@ -1,24 +1,18 @@
-"""Where all panels of Relume are: the tab "Relume" of the 3D view's sidebar."""
+"""Tab "Relume" of the 3D view's sidebar, which has all panels."""
 
 from __future__ import annotations
 
-import textwrap
-
 import bpy
+
+from ..viewport.side_bar import characters, lines
 
 
 class RelumePanel:
-    """Mix-in of every panel; `bl_order` decides what is above what."""
+    """Mix-in of every panel; `bl_order` is the order of panels."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Relume"
-
-
-UNBROKEN = "\u00a0"
-"""A space that no line ends at."""
-MARGIN, ICON, CHARACTER = 72, 20, 6.3
-"""Pixels beside the text of the sidebar, of an icon, and of a character on average, at a scale of 1."""
 
 
 def message(layout, text: str, icon: str = "NONE") -> None:
@@ -27,16 +21,3 @@ def message(layout, text: str, icon: str = "NONE") -> None:
     column.scale_y = 0.8
     for number, line in enumerate(lines(text, characters(bpy.context.region, icon != "NONE"))):
         column.label(text=line, icon=icon if number == 0 else ("BLANK1" if icon != "NONE" else "NONE"))
-
-
-def characters(region: bpy.types.Region, with_icon: bool = False) -> int:
-    """How many characters a line of the sidebar can hold."""
-    scale = bpy.context.preferences.system.ui_scale or 1.0  # Without a window Blender has none.
-    width = region.width / scale
-    return max(int((width - MARGIN - ICON * with_icon) / CHARACTER), 16)
-
-
-def lines(text: str, width: int) -> list[str]:
-    """A text in lines of at most `width` characters, between words where that is possible, but not before a "%"."""
-    found = textwrap.wrap(text.replace(" %", f"{UNBROKEN}%"), width) or [""]
-    return [line.replace(UNBROKEN, " ") for line in found]

@@ -7,32 +7,33 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core import disk
-from ..engine import cache, devices
-from ..engine.checks import folders_in_use
+from ..engine import devices
 from ..engine.native import NativeModuleError
-from ..engine.options import PACKAGE, cache_folder
+from ..engine.shot import cache
+from ..engine.shot.checks import folders_in_use
+from ..engine.shot.options import PACKAGE, cache_folder
 from . import timers
 
 POLL_SECONDS = 0.1
 
 _contents: dict[str, tuple[int, int]] = {}
 """Bakes and bytes of the cache folder, by its path, as last counted."""
-_said: list[tuple[str, str]] = []
-"""What came of the last work on the cache folder: kinds of reports, and words."""
+_messages: list[tuple[str, str]] = []
+"""Messages of the last work on the cache folder: kinds of reports, and words."""
 
 Work = Generator[None, None, list[tuple[str, str]]]
 _work: Work | None = None
-"""What is being done with the cache folder; returns what it has to say."""
+"""Work on the cache folder that goes on; returns its messages."""
 
 
 def find_devices() -> Generator[None, None, str]:
-    """Yields until this machine's graphics cards are known, which the field *Device* then suggests; returns what to say
-    of them. Raises NativeModuleError or RelumeError."""
+    """Yields until this machine's graphics cards are known, which the field *Device* then suggests; returns a sentence
+    about them. Raises NativeModuleError or RelumeError."""
     devices.look()
     while devices.is_looking():
         yield
-    found = devices.names()[len(devices.ALWAYS) :]
-    return f"Found {', '.join(found)}" if found else "Found no graphics card; the processor is used"
+    names = devices.names()[len(devices.ALWAYS) :]
+    return f"Found {', '.join(names)}" if names else "Found no graphics card; the processor is used"
 
 
 def count_cache() -> Work:
@@ -53,7 +54,7 @@ def begin(work: Work) -> None:
     """Begins work on the cache folder: a moment at a time, or without a window to its end."""
     global _work
     _work = work
-    _said.clear()
+    _messages.clear()
     if not bpy.app.background:
         bpy.app.timers.register(_timer, first_interval=0.0, persistent=True)
         return
@@ -62,7 +63,7 @@ def begin(work: Work) -> None:
 
 
 def step() -> bool:
-    """Goes on with the work on the cache folder; whether it has not ended."""
+    """Continues the work on the cache folder; returns True if more is to be done."""
     global _work
     if _work is None:
         return False
@@ -70,9 +71,9 @@ def step() -> bool:
         next(_work)
         return True
     except StopIteration as end:
-        _said[:] = end.value
+        _messages[:] = end.value
     except OSError as error:
-        _said[:] = [("ERROR", f"The cache folder cannot be read: {error}")]
+        _messages[:] = [("ERROR", f"The cache folder cannot be read: {error}")]
     _work = None
     return False
 
@@ -88,7 +89,7 @@ def _timer() -> float | None:
 
 
 def _size_in_words(folder: str) -> str:
-    """What the folder held when it was counted last."""
+    """Bakes and size of the folder when it was last counted."""
     number, size = _contents[folder]
     return f"{_bakes(number)}, {disk.in_words(size)}"
 
@@ -176,7 +177,7 @@ class RelumePreferences(bpy.types.AddonPreferences):
         row.operator("relume.clean_cache", icon="TRASH")
         if _work is not None:
             layout.label(text="Working on the cache folder; you can go on", icon="TIME")
-        for kind, words in _said:
+        for kind, words in _messages:
             layout.label(text=words, icon="INFO" if kind == "INFO" else "ERROR")
 
 
@@ -193,7 +194,7 @@ class RELUME_OT_find_devices(timers.WaitingOperator, bpy.types.Operator):  # noq
 
 
 class _OnCache:
-    """Mix-in of operators on the cache folder: one at a time. With a window the page says what came of it."""
+    """Mix-in of operators on the cache folder: one at a time. With a window the page shows the messages."""
 
     @classmethod
     def poll(cls, _context):
@@ -201,8 +202,8 @@ class _OnCache:
         return _work is None
 
     def tell(self):
-        """Reports what came of it, if it has ended."""
-        for kind, words in _said:
+        """Reports the messages, if the work has ended."""
+        for kind, words in _messages:
             self.report({kind}, words)
         return {"FINISHED"}
 
@@ -236,23 +237,22 @@ class RELUME_OT_clean_cache(_OnCache, bpy.types.Operator):  # noqa: N801
 
 
 CLASSES = (RelumePreferences, RELUME_OT_find_devices, RELUME_OT_count_cache, RELUME_OT_clean_cache)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds the page."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
 
 
 def unregister():
     """Takes it away."""
     global _work
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
     if _work is not None:
         _work.close()
         _work = None
     _contents.clear()
-    _said.clear()
+    _messages.clear()

@@ -10,17 +10,22 @@ from bpy.props import BoolProperty, PointerProperty
 
 from ..core.pass_names import LONGEST, longest_in_file
 from ..core.rows import LIGHT
-from ..engine import render_depsgraph, render_engine, shot
+from ..engine import render_engine
+from ..engine.reading import render_depsgraph
 from ..engine.render_engine import ENGINE, PassSettings
+from ..engine.shot import shot as shots
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
+from ..live import rows
+from ..live.scheduler import scheduler
 from ..viewport import rendered
-from . import handlers, render_pass, rows
+from ..viewport.views import pass_of
+from . import render_pass
 
 CYCLES_RENDER_PANELS = ("CYCLES_RENDER_PT_light_paths", "CYCLES_RENDER_PT_film", "CYCLES_RENDER_PT_simplify")
-"""Of Cycles' render settings what counts for a bake too; its other panels are for materials, lights and so on."""
+"""Panels of Cycles' render settings that concern a bake too; its other panels are for materials, lights and so on."""
 CYCLES_VIEW_PANELS = "CYCLES_VIEW3D_PT_shading"
-"""What Cycles' own pictures in a view show: nothing of Relume's follows them."""
+"""Panels of Cycles' own pictures in a view, which nothing of Relume follows."""
 WITHOUT = ("CYCLES_RENDER_PT_light_paths_clamping", "CYCLES_RENDER_PT_light_paths_fast_gi")
 
 _own_sets: list[Any] = []
@@ -56,19 +61,19 @@ class RelumeRenderEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, name, channels, letters, kind)
 
     def view_update(self, context, depsgraph):
-        """Called by Blender when the scene has changed; what follows the scene is `handlers`."""
+        """Called by Blender when the scene has changed; `live` follows the scene."""
 
     def view_draw(self, context, depsgraph):
-        """Called by Blender to draw a view; draws what is there and computes nothing."""
-        chosen = render_pass.of(context.space_data)
+        """Called by Blender to draw a view; computes nothing."""
+        chosen = pass_of(context.space_data)
         if not rendered.draw(self, context, chosen):
-            handlers.wake()
+            scheduler.wake()
 
 
 def _light_names(scene: bpy.types.Scene) -> list[str]:
-    """The lights of a render. Of an open bake each instance is known; without one, each light is taken for one."""
-    found = shot.of(scene)
-    known = [light["name"] for light in found.lights.descriptions] if found is not None else []
+    """Names of the lights of a render. An open bake knows each instance; without one, each light counts once."""
+    shot = shots.of(scene)
+    known = [light["name"] for light in shot.lights.descriptions] if shot is not None else []
     shown = [line for line in light_tree(scene) if line.kind == LIGHT and (line.is_named or not line.block.hide_render)]
     return list(dict.fromkeys([*known, *(name_of(line.block) for line in shown)]))
 
@@ -96,7 +101,7 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
 
     @classmethod
     def poll(cls, context):
-        """Only for this engine."""
+        """True if this engine renders."""
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context):
@@ -122,7 +127,7 @@ class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only for this engine."""
+        """True if this engine renders."""
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context):
@@ -136,14 +141,15 @@ class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801
 
 
 CLASSES = (RelumeRenderSettings, RELUME_PT_sampling, RELUME_PT_passes)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 END_SECONDS = 0.1
 
 
 def register():
     """Adds the engine. Panels of Cycles show for it too, so that all properties stay at hand."""
     render_engine.stop_all(False)
-    for cls in (RelumeRenderEngine, *CLASSES):
-        bpy.utils.register_class(cls)
+    bpy.utils.register_class(RelumeRenderEngine)
+    _register()
     render_depsgraph.standing = RelumeRenderEngine
     bpy.types.Scene.relume_render = PointerProperty(type=RelumeRenderSettings)
     _show_panels()
@@ -157,8 +163,7 @@ def unregister():
         bpy.app.timers.unregister(_show_panels)
     _hide_panels()
     del bpy.types.Scene.relume_render
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()
     render_depsgraph.standing = None
     render_engine.stop_all()
     if _end_engine() is not None:

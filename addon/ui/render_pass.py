@@ -1,4 +1,4 @@
-"""Which pass a 3D view shows in its shading "Rendered": kept by each view, chosen in the popover of its shading."""
+"""Pass that a 3D view shows in its shading "Rendered": kept by each view, chosen in the popover of its shading."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import bpy
 from bpy.props import EnumProperty, PointerProperty, StringProperty
 
 from ..core.pass_names import ALBEDO, COMBINED, DEPTH, NORMAL, STATIC, WORLD, light_passes
-from ..engine import shot
 from ..engine.render_engine import ENGINE
+from ..engine.shot import shot as shots
 from ..viewport.views import redraw
 
 _shown_items: list[tuple[str, str, str, int]] = []
-"""Those of the menu that is open: Blender itself keeps no Python text."""
+"""Items of the menu that is open: Blender itself keeps no Python text."""
 
 
 def _items(_settings, context: bpy.types.Context | None) -> list[tuple[str, str, str, int]]:
-    found = shot.of(context.scene) if context is not None else None
-    lights = light_passes(light["name"] for light in found.lights.descriptions) if found is not None else {}
+    shot = shots.of(context.scene) if context is not None else None
+    lights = light_passes(light["name"] for light in shot.lights.descriptions) if shot is not None else {}
     choices = [
         (COMBINED, "Combined", "The whole picture"),
         *((name, light, f"What light '{light}' alone gives") for light, name in lights.items()),
@@ -64,20 +64,6 @@ class RelumeShading(bpy.types.PropertyGroup):
     )
 
 
-def of(space: bpy.types.SpaceView3D) -> str:
-    """The pass that a view shows, by its name in final renders."""
-    return space.shading.relume.name_of_pass
-
-
-def wanted(scene: bpy.types.Scene) -> set[str]:
-    """The single passes that views of a scene show."""
-    if scene.render.engine != ENGINE:
-        return set()
-    windows = [window for window in bpy.context.window_manager.windows if window.scene == scene]
-    spaces = [area.spaces.active for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]
-    return {of(space) for space in spaces if space.shading.type == "RENDERED"} - {COMBINED}
-
-
 class RELUME_PT_shading_pass(bpy.types.Panel):  # noqa: N801 -- Blender's naming
     """Which pass this view shows"""
 
@@ -90,7 +76,7 @@ class RELUME_PT_shading_pass(bpy.types.Panel):  # noqa: N801 -- Blender's naming
 
     @classmethod
     def poll(cls, context):
-        """Only for this engine's pictures."""
+        """True if the view shows pictures of this engine."""
         return context.engine in cls.COMPAT_ENGINES and context.space_data.shading.type == "RENDERED"
 
     def draw(self, context):
@@ -99,17 +85,16 @@ class RELUME_PT_shading_pass(bpy.types.Panel):  # noqa: N801 -- Blender's naming
 
 
 CLASSES = (RelumeShading, RELUME_PT_shading_pass)
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds the choice to all 3D views."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     bpy.types.View3DShading.relume = PointerProperty(type=RelumeShading)
 
 
 def unregister():
     """Takes it away."""
     del bpy.types.View3DShading.relume
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

@@ -1,9 +1,9 @@
-"""What a scene remembers about its bake: `scene.relume`."""
+"""Settings of a scene's bake: `scene.relume`."""
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
 
-from ..engine.options import QUALITIES
+from ..engine.shot.options import QUALITIES
 
 QUALITY_ITEMS = [
     (name, label, f"{samples} paths per pixel: {text}") for name, (label, samples, text) in QUALITIES.items()

@@ -7,11 +7,11 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..core.bake_folder import is_bake
-from ..engine import shot
-from ..engine.checks import ProblemError, check_start
 from ..engine.native import NativeModuleError
-from ..engine.options import Options, bake_folder, remember_bake, remembered_bake
-from . import handlers
+from ..engine.shot import shot
+from ..engine.shot.checks import ProblemError, check_start
+from ..engine.shot.options import Options, bake_folder, remember_bake, remembered_bake
+from ..live.scheduler import scheduler
 
 FAILURES = (ProblemError, NativeModuleError, RuntimeError, ValueError, OSError)
 """Exceptions that are told to the artist instead of shown as a fault of the program."""
@@ -25,8 +25,8 @@ def start(scene: bpy.types.Scene, anew: bool = False, options: Options | None = 
     if found.status["state"] == "failed":  # As without a window, where the scene is read at once.
         found.close()
         raise ProblemError(found.status["error"])
-    handlers.read_lights(scene)
-    handlers.wake()
+    scheduler.read_lights(scene)
+    scheduler.wake()
     return found
 
 
@@ -38,12 +38,19 @@ def go_on(scene: bpy.types.Scene) -> shot.Shot:
     return start(scene, options=found.resume_options(scene))
 
 
+def open_bake(scene: bpy.types.Scene) -> shot.Shot:
+    """Shows the bake of a scene under its present lights."""
+    opened = shot.Shot.open(scene)
+    scheduler.read_lights(scene)
+    return opened
+
+
 def show_bake(scene: bpy.types.Scene) -> shot.Shot:
     """Opens the bake that the file remembers, or that its folder holds, and shows it under the present lights."""
     folder = remembered_bake(scene) or bake_folder(scene)
     if not is_bake(folder):
         raise ProblemError(f"There is no bake in '{folder}'; find it, or start again")
-    return handlers.open_bake(scene)
+    return open_bake(scene)
 
 
 def find_bake(scene: bpy.types.Scene, folder: Path) -> shot.Shot:
@@ -51,7 +58,7 @@ def find_bake(scene: bpy.types.Scene, folder: Path) -> shot.Shot:
     if not is_bake(folder):
         raise ProblemError(f"'{folder}' is no bake of Relume; choose the folder with its manifest.json")
     remember_bake(scene, folder)
-    return handlers.open_bake(scene)
+    return open_bake(scene)
 
 
 def toggle_pause(scene: bpy.types.Scene) -> None:
@@ -59,7 +66,7 @@ def toggle_pause(scene: bpy.types.Scene) -> None:
     found = shot.of(scene)
     if found is not None:
         found.pause(not found.status["paused"])
-        handlers.wake()
+        scheduler.wake()
 
 
 def cancel(scene: bpy.types.Scene) -> None:
@@ -67,7 +74,7 @@ def cancel(scene: bpy.types.Scene) -> None:
     found = shot.of(scene)
     if found is not None:
         found.cancel()
-        handlers.wake()
+        scheduler.wake()
 
 
 class ShotOperator:

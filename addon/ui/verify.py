@@ -9,14 +9,16 @@ from bpy.app.handlers import persistent
 from bpy.props import EnumProperty, IntProperty, PointerProperty
 
 from ..core.progress import share_and_words
-from ..engine import shot, verify
-from ..engine.process import NoCopyError
+from ..engine.cycles import verify
+from ..engine.shot import shot as shots
+from ..engine.solve import solving
+from ..engine.workers.process import NoCopyError
+from ..export.light_tree import light_objects
 from ..export.lights import name_of
+from ..live import rows
 from ..viewport import compare
 from ..viewport.views import redraw
 from . import compare as comparing
-from . import rows, solving
-from .looks import lights_of
 from .panel import RelumePanel, message
 
 TICK_SECONDS = 0.25
@@ -31,7 +33,7 @@ VIEWS = {
 _waiting: set[int] = set()
 """Session uids of scenes that are verified as soon as their picture is there."""
 _refused: dict[int, str] = {}
-"""Why it did not come to that."""
+"""Reasons why scenes were not verified after all, by session uid."""
 
 
 def ask(scene: bpy.types.Scene) -> None:
@@ -50,7 +52,7 @@ def is_waiting(scene: bpy.types.Scene) -> bool:
 
 
 def cancel(scene_uid: int) -> None:
-    """Ends and forgets what runs or waits for a scene."""
+    """Ends and forgets the comparison of a scene, also one that waits."""
     _waiting.discard(scene_uid)
     _refused.pop(scene_uid, None)
     verify.close(scene_uid)
@@ -58,9 +60,9 @@ def cancel(scene_uid: int) -> None:
 
 def start(scene: bpy.types.Scene) -> verify.Verification:
     """Renders the present lights and rows with Cycles, and compares. Raises VerifyError, NoCopyError or OSError."""
-    found, frame = shot.of(scene), _present_frame(scene)
-    lights = [name_of(obj) for obj in lights_of(scene)]
-    running = verify.start(scene, frame, found.camera, scene.relume_verify.samples, rows.mix(scene, lights))
+    shot, frame = shots.of(scene), _present_frame(scene)
+    lights = [name_of(obj) for obj in light_objects(scene)]
+    running = verify.start(scene, frame, shot.camera, scene.relume_verify.samples, rows.mix(scene, lights))
     compare.clear(scene)
     _poll()
     return running
@@ -73,47 +75,47 @@ def _poll() -> None:
 
 def _is_on_its_way(scene: bpy.types.Scene) -> bool:
     """True if a full-size picture of the present lights and rows is on its way."""
-    found = shot.of(scene)
-    if found is None or found.frame is None or found.refusal or solving.running(scene) or comparing.running(scene):
+    shot = shots.of(scene)
+    if shot is None or shot.frame is None or shot.refusal or solving.running(scene) or comparing.running(scene):
         return False
-    frame = found.present_frame
+    frame = shot.present_frame
     return frame is None or frame.scale != 1
 
 
 def _present_frame(scene: bpy.types.Scene) -> Any:
     """The picture of the present lights and rows. Raises VerifyError where there is none, or none yet."""
-    found = shot.of(scene)
-    if found is None or found.frame is None:
+    shot = shots.of(scene)
+    if shot is None or shot.frame is None:
         raise verify.VerifyError("there is no picture yet; press Start and wait for it")
-    if found.refusal:
-        raise verify.VerifyError(f"the present lights have no picture: {found.refusal}")
-    if found.present_frame is None:
+    if shot.refusal:
+        raise verify.VerifyError(f"the present lights have no picture: {shot.refusal}")
+    if shot.present_frame is None:
         if solving.running(scene):
             raise verify.VerifyError("lights are being solved; wait for the end of that or cancel it, then verify")
         if comparing.running(scene):
             raise verify.VerifyError("looks are being compared; verify when both are there")
         raise verify.VerifyError("the picture of the present lights is on its way; verify it when it is there")
-    return found.present_frame
+    return shot.present_frame
 
 
 def show(scene: bpy.types.Scene, view: str) -> None:
-    """Shows the result of a comparison in the overlay; one of VIEWS, or nothing of it."""
-    found = verify.of(scene)
-    if found is None or found.result is None or view not in VIEWS:
+    """Shows the result of a comparison in the overlay; one of VIEWS; anything else hides it."""
+    verification = verify.of(scene)
+    if verification is None or verification.result is None or view not in VIEWS:
         compare.clear(scene)
     elif view == "DIFFERENCE":
-        compare.set_pair(scene, found.difference, found.difference, "A")
+        compare.set_pair(scene, verification.difference, verification.difference, "A")
     else:
-        compare.set_pair(scene, found.reference, found.ours, view, ("Cycles", "Relume"))
+        compare.set_pair(scene, verification.reference, verification.ours, view, ("Cycles", "Relume"))
 
 
-def words(found: verify.Verification) -> str:
+def words(verification: verify.Verification) -> str:
     """Result of a comparison in one sentence."""
-    if found.error:
-        return f"Not verified: {found.error}"
-    if found.result is None:
-        return f"Cycles renders, {share_and_words(found.stage)[1]}"
-    error, noise, psnr = (found.result[name] for name in ("error", "noise", "psnr"))
+    if verification.error:
+        return f"Not verified: {verification.error}"
+    if verification.result is None:
+        return f"Cycles renders, {share_and_words(verification.stage)[1]}"
+    error, noise, psnr = (verification.result[name] for name in ("error", "noise", "psnr"))
     return (
         f"Differs from Cycles by {100 * error:.1f} % on average ({psnr:.1f} dB). "
         f"Noise of Cycles itself: {100 * noise:.1f} %"
@@ -121,17 +123,17 @@ def words(found: verify.Verification) -> str:
 
 
 def tick() -> bool:
-    """One turn of polling. Whether there is to be another one."""
+    """Polls once; returns True if it is to be called again."""
     verify.close_gone()
     has_begun = _begin_waiting()
     running = verify.all_running()
-    if any([found.poll() for found in running]) or has_begun:
+    if any([verification.poll() for verification in running]) or has_begun:
         redraw("UI")
     return bool(running or _waiting)
 
 
 def _begin_waiting() -> bool:
-    """Begins with what waits and has its picture now. Whether there was any."""
+    """Begins comparisons whose picture has come; returns True if there were any."""
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     ready = [uid for uid in _waiting if uid not in scenes or not _is_on_its_way(scenes[uid])]
     for uid in ready:
@@ -234,15 +236,15 @@ class RELUME_PT_verify(RelumePanel, bpy.types.Panel):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Only where there is a picture."""
-        return shot.of(context.scene) is not None
+        """True if a shot is open."""
+        return shots.of(context.scene) is not None
 
     def draw(self, context):
         """Called by Blender."""
-        layout, found = self.layout, verify.of(context.scene)
-        if is_waiting(context.scene) or (found is not None and found.is_running):
-            share = share_and_words(found.stage)[0] if found is not None else 0.0
-            layout.progress(factor=share, text=words(found) if found is not None else WAITS)
+        layout, verification = self.layout, verify.of(context.scene)
+        if is_waiting(context.scene) or (verification is not None and verification.is_running):
+            share = share_and_words(verification.stage)[0] if verification is not None else 0.0
+            layout.progress(factor=share, text=words(verification) if verification is not None else WAITS)
             layout.operator("relume.verify_cancel", icon="X")
             return
         row = layout.row(align=True)
@@ -250,10 +252,10 @@ class RELUME_PT_verify(RelumePanel, bpy.types.Panel):  # noqa: N801
         row.operator("relume.verify", icon="CHECKMARK")
         if refused := _refused.get(context.scene.session_uid):
             message(layout, f"Not verified: {refused}", icon="ERROR")
-        if found is None:
+        if verification is None:
             return
-        message(layout, words(found), icon="ERROR" if found.error else "NONE")
-        if found.result is not None:
+        message(layout, words(verification), icon="ERROR" if verification.error else "NONE")
+        if verification.result is not None:
             grid = layout.grid_flow(columns=2, align=True)
             for name, (label, _) in VIEWS.items():
                 grid.operator("relume.verify_show", text=label).view = name
@@ -267,22 +269,21 @@ CLASSES = (
     RELUME_OT_verify_show,
     RELUME_PT_verify,
 )
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register():
     """Adds panel and operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register()
     bpy.types.Scene.relume_verify = PointerProperty(type=RelumeVerifySettings)
     bpy.app.handlers.load_pre.append(_on_load_pre)
 
 
 def unregister():
-    """Takes them away and ends what runs."""
+    """Takes them away and ends all comparisons."""
     bpy.app.handlers.load_pre.remove(_on_load_pre)
     _end()
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
     del bpy.types.Scene.relume_verify
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

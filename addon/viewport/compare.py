@@ -1,4 +1,4 @@
-"""Two frames beside each other, such as those of two looks."""
+"""Two frames beside each other, for example of two looks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MODES = ("WIPE", "A", "B", "DIFFERENCE")
 
 @dataclass(frozen=True)
 class Pair:
-    """Frames as `engine.shot` gives them; B is None for the live picture."""
+    """Frames as `engine.shot.shot` gives them; B is None for the live picture."""
 
     a: Any
     b: Any | None

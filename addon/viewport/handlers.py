@@ -14,9 +14,9 @@ import gpu
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from ..engine import helper, view_worker
-from ..engine import shot as shots
-from . import compare, driver_cache, light_marks, overlay, precompilation, texture, view_files, view_table
+from ..engine.shot import shot as shots
+from ..engine.workers import view_worker
+from . import compare, light_marks, overlay, texture, view_files, view_table
 from .overlay import Show
 from .view_files import NEXT_TURN_SECONDS
 from .views import redraw
@@ -27,18 +27,16 @@ RETRY_SECONDS = 5.0
 
 _handles: list[Any] = []
 _waiting: set[int] = set()
-"""Scenes of which something is not ready that other Blenders make: the view's table, its file, or what draws them."""
+"""Scenes whose view table or file is not made yet."""
 _trouble: dict[int, str] = {}
 """Why the view table of a scene cannot be made, in words for the artist."""
 
 
 def prepare(scene: bpy.types.Scene) -> None:
-    """Prepares what the first picture of a scene will need, a little at a time; costs nothing if that is done."""
-    if view_table.of(scene) is None or driver_cache.is_due(scene):
+    """Has the view table made that the first picture of a scene will need; costs nothing if there is one."""
+    if view_table.of(scene) is None:
         _waiting.add(scene.session_uid)
         wake()
-    elif not bpy.app.background:
-        precompilation.request()
 
 
 def draw_picture() -> None:
@@ -46,13 +44,7 @@ def draw_picture() -> None:
     context = bpy.context
     scene, region = context.scene, context.region
     texture.keep_only([*(picture for shot in shots.all_open() for picture in shot.pictures), *compare.frames()])
-    view, is_ready = view_table.of(scene), precompilation.is_ready()
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
-    is_uploaded_now = is_ready and isinstance(what, Show) and not texture.is_there(what.first)
-    if view is not None and is_uploaded_now:
-        precompilation.request()  # Compiling would come in the same turn.
-    elif view is not None:
-        precompilation.draw_picture_piece((region.width, region.height), view)
     if not isinstance(what, Show):
         if what is not None:
             prepare(scene)
@@ -60,23 +52,19 @@ def draw_picture() -> None:
     if not (view_table.is_complete(scene) and _has_file(scene)):
         _waiting.add(scene.session_uid)
         wake()
-    if view is not None and is_ready:
+    view = view_table.of(scene)
+    if view is not None:
         overlay.draw(what, view)
-    elif view is not None:  # Compiling and drawing would come in one turn.
-        prepare(scene)
 
 
 def draw_words() -> None:
     """Called by Blender for every 3D view, after everything else."""
     context = bpy.context
     scene, region = context.scene, context.region
-    precompilation.draw_words_piece()
     what = overlay.what_to_show(scene, context.space_data, region, context.region_data)
     hint = _trouble.get(scene.session_uid)
     if not isinstance(what, Show):
         hint = what if context.space_data.overlay.show_overlays else None
-    elif not precompilation.are_words_ready():  # Compiling would hold up the picture.
-        prepare(scene)
     else:
         light_marks.draw(context, what, _scale())
         if what.split != overlay.NEVER:
@@ -92,23 +80,19 @@ def wake() -> None:
 
 
 def bake_views() -> float | None:
-    """A turn of having the view table made of a scene that waits for one, then what draws with it compiled, then the
-    file beside its bake written; seconds until the next turn."""
+    """A turn of having the view table made of a scene that waits for one, then the file beside its bake; seconds until
+    the next turn."""
     better, pause = False, NEXT_TURN_SECONDS
     for scene in bpy.data.scenes:
         if scene.session_uid not in _waiting:
             continue
         try:
-            better |= _precompile(scene)
-            if view_table.of(scene) is None or not driver_cache.is_due(scene):
-                better |= view_table.work(scene)
-                pause = _work_on_file(scene)
+            better |= view_table.work(scene)
+            pause = _work_on_file(scene)
             _trouble.pop(scene.session_uid, None)
         except (OSError, RuntimeError) as error:
             _trouble[scene.session_uid], pause = str(error), RETRY_SECONDS
-        if better and not (bpy.app.background or driver_cache.is_due(scene)):
-            precompilation.request()  # The side bar, which asks for it, may not be drawn again for long.
-        if _has_table(scene) and _has_file(scene) and not driver_cache.is_due(scene):
+        if view_table.is_complete(scene) and _has_file(scene):
             _waiting.discard(scene.session_uid)
         elif pause != RETRY_SECONDS:
             break  # Views are coloured one after another.
@@ -116,22 +100,6 @@ def bake_views() -> float | None:
         redraw()
     _waiting.intersection_update({scene.session_uid for scene in bpy.data.scenes})
     return pause if _waiting else None
-
-
-def _precompile(scene: bpy.types.Scene) -> bool:
-    """Polls the compiling of a scene's shaders in another Blender, if the scene's view is known; returns True when it
-    ends. The fine table is asked for then, and is made before *Start*."""
-    if view_table.of(scene) is None or not driver_cache.is_due(scene):
-        return False
-    driver_cache.step(scene)
-    return not driver_cache.is_due(scene)
-
-
-def _has_table(scene: bpy.types.Scene) -> bool:
-    """The fine table is wanted with the first picture, before it a coarse one will do."""
-    shot = shots.of(scene)
-    has_picture = shot is not None and shot.frame is not None
-    return view_table.is_complete(scene) or not (has_picture or view_table.of(scene) is None)
 
 
 def _has_file(scene: bpy.types.Scene) -> bool:
@@ -165,10 +133,7 @@ def unregister() -> None:
         bpy.app.timers.unregister(bake_views)
     _forget()
     view_worker.shared().drop()
-    helper.close()
     view_table.clear()
-    driver_cache.reset()
-    precompilation.reset()
     texture.free()
     if not bpy.app.background:
         redraw()
@@ -178,7 +143,6 @@ def unregister() -> None:
 def _forget(*_arguments) -> None:
     """Forgets all of the present file when another one is about to be opened."""
     compare.free()
-    driver_cache.interrupt()
     _waiting.clear()
     _trouble.clear()
 

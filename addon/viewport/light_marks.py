@@ -26,39 +26,31 @@ def lights_of(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [obj for obj in context.view_layer.objects if obj.type == "LIGHT" and obj.visible_in_viewport_get(space)]
 
 
-def places_of(lights: Iterable[bpy.types.Object], region_data: bpy.types.RegionView3D, what: Show) -> np.ndarray:
+def places_of(lights: Iterable[bpy.types.Object], region_data: bpy.types.RegionView3D, content: Show) -> np.ndarray:
     """Pixels of the region, [lights, 2]; NaN where a light is not in front of the picture."""
     points = np.array([(*light.matrix_world.translation, 1.0) for light in lights], np.float64).reshape(-1, 4)
     clip = points @ np.array(region_data.perspective_matrix).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        places = (clip[:, :2] / clip[:, 3:] + 1.0) / 2.0 * what.region
-    low, high = (what.drawn.left, what.drawn.bottom), (what.drawn.right, what.drawn.top)
+        places = (clip[:, :2] / clip[:, 3:] + 1.0) / 2.0 * content.region
+    low, high = (content.drawn.left, content.drawn.bottom), (content.drawn.right, content.drawn.top)
     inside = (clip[:, 3] > 0.0) & (places >= low).all(axis=1) & (places <= high).all(axis=1)
     return np.where(inside[:, None], places, np.nan)
 
 
-def draw(context: bpy.types.Context, what: Show, scale: float) -> None:
+def draw(context: bpy.types.Context, content: Show, scale: float) -> None:
     """Draws a ring for each light in front of the picture."""
     lights = lights_of(context)
-    if not lights or what.mode == DIFFERENCE:
+    if not lights or content.mode == DIFFERENCE:
         return
-    places = places_of(lights, context.region_data, what)
-    seen = np.isfinite(places[:, 0])
-    if not seen.any():
+    places = places_of(lights, context.region_data, content)
+    is_inside = np.isfinite(places[:, 0])
+    if not is_inside.any():
         return
-    colors = np.array([_color(context, light) for light in lights], np.float32)[seen]
+    colors = np.array([_color(context, light) for light in lights], np.float32)[is_inside]
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA")
     for radius, paint in ((RADIUS_POINTS + 1.0, np.broadcast_to(SHADE, colors.shape)), (RADIUS_POINTS, colors)):
-        rings(places[seen], radius * scale, paint)
-    gpu.state.blend_set(blend)
-
-
-def draw_nothing() -> None:
-    """Compiles what `draw` needs."""
-    blend = gpu.state.blend_get()
-    gpu.state.blend_set("ALPHA")
-    rings(np.full((1, 2), -100.0), RADIUS_POINTS, np.zeros((1, 4), np.float32))
+        rings(places[is_inside], radius * scale, paint)
     gpu.state.blend_set(blend)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import gpu
 
-from ..engine import shot as shots
+from ..engine.shot import shot as shots
 from . import camera_frame, compare, shader, texture
 from .camera_frame import Rectangle
 from .view_table import View
@@ -45,7 +45,7 @@ def what_to_show(
     region: bpy.types.Region,
     region_data: bpy.types.RegionView3D,
 ) -> Show | str | None:
-    """Pictures, or a hint in words why there are none, or nothing where Relume is not at work."""
+    """Pictures to draw, or a hint why there are none; None where no shot is open."""
     settings, shot = scene.relume_view, shots.of(scene)
     if shot is None or not settings.shown or region_data.view_perspective == "ORTHO":
         return None
@@ -61,15 +61,15 @@ def what_to_show(
         return "The first picture is on its way" if shot.is_working else "No picture yet"
     mode = settings.compare if pair else "B"
     drawn = frame.part(*camera_frame.border_of(scene))
-    what = {"opacity": settings.opacity, "gain": settings.difference_gain}
+    options = {"opacity": settings.opacity, "gain": settings.difference_gain}
     if mode == "WIPE":
-        what |= {"mode": SPLIT, "split": split_of(scene, frame), "labels": pair.labels}
+        options |= {"mode": SPLIT, "split": split_of(scene, frame), "labels": pair.labels}
     elif mode == "DIFFERENCE":
-        what |= {"mode": DIFFERENCE}
+        options |= {"mode": DIFFERENCE}
     else:
         first = second = first if mode == "A" else second
-        what |= {"split": split_of(scene, frame) if settings.wipe else NEVER}
-    return Show((region.width, region.height), frame, drawn, first, second, **what)
+        options |= {"split": split_of(scene, frame) if settings.wipe else NEVER}
+    return Show((region.width, region.height), frame, drawn, first, second, **options)
 
 
 def split_of(scene: bpy.types.Scene, frame: Rectangle) -> float:
@@ -77,14 +77,14 @@ def split_of(scene: bpy.types.Scene, frame: Rectangle) -> float:
     return frame.left + scene.relume_view.wipe_position * frame.width
 
 
-def draw(what: Show, view: View) -> None:
+def draw(content: Show, view: View) -> None:
     """Draws frames into the overlay texture of a 3D view, which is bound."""
-    first, second = texture.of_frame(what.first), texture.of_frame(what.second)
+    first, second = texture.of_frame(content.first), texture.of_frame(content.second)
     size = (first.width, first.height)
-    snapped = what.frame.snapped(size) if size == (second.width, second.height) else None
-    frame = snapped or what.frame
-    drawn = frame if what.drawn == what.frame else what.drawn
-    compares, has_table = what.mode != SINGLE, view.table is not None
+    snapped = content.frame.snapped(size) if size == (second.width, second.height) else None
+    frame = snapped or content.frame
+    drawn = frame if content.drawn == content.frame else content.drawn
+    compares, has_table = content.mode != SINGLE, view.table is not None
     program = shader.show(snapped is not None, compares, has_table)
     rows = ((*row, 0.0) for row in view.to_rec709.tolist())
     with _state():
@@ -94,8 +94,8 @@ def draw(what: Show, view: View) -> None:
         for name, number in (
             ("frame", (frame.left, frame.bottom, frame.right, frame.top)),
             ("drawn", (drawn.left, drawn.bottom, drawn.right, drawn.top)),
-            ("region", (*what.region, what.split, what.opacity)),
-            ("numbers", (view.scale, view.exponent, what.gain, 0.0)),
+            ("region", (*content.region, content.split, content.opacity)),
+            ("numbers", (view.scale, view.exponent, content.gain, 0.0)),
             *(() if has_table else zip(shader.ROWS, rows, strict=True)),
         ):
             program.shader.uniform_float(name, number)
@@ -104,7 +104,7 @@ def draw(what: Show, view: View) -> None:
             program.shader.uniform_int("has_places", int(view.levels is not None))
         if compares:
             program.shader.uniform_sampler("second", second)
-            program.shader.uniform_int("mode", what.mode)
+            program.shader.uniform_int("mode", content.mode)
         program.square.draw(program.shader)
 
 

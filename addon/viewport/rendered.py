@@ -1,5 +1,5 @@
 """The viewport's shading "Rendered" of Relume's render engine: the newest picture in the camera's frame, scene-linear;
-Blender itself makes display colours of it. Draws what is there and computes nothing."""
+Blender itself makes display colours of it. Nothing is computed here."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import gpu
 from gpu_extras.batch import batch_for_shader
 
 from ..core.pass_names import COMBINED
-from ..engine import shot as shots
+from ..engine.shot import shot as shots
 from . import camera_frame, texture
 from .camera_frame import Rectangle
 
@@ -59,7 +59,7 @@ def _draw_part(picture: gpu.types.GPUTexture, place: Rectangle, part: Rectangle)
 
 
 def why_not(shot: shots.Shot | None, camera: bpy.types.Object | None, frame: Rectangle | None) -> str:
-    """Why there is nothing to draw; empty if there is."""
+    """Reason why there is nothing to draw; empty if there is a picture."""
     if shot is None:
         return 'Press Start in the sidebar\'s tab "Relume" to see the relit picture here'
     if frame is None or camera is None:

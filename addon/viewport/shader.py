@@ -1,7 +1,7 @@
 """The shader of the overlay, written for Blender's `gpu` module; compiled at first use.
 
 It puts a scene-linear frame, or two to compare, into the camera's rectangle of a region, in the colours that the
-scene's view shows. In one pass: software graphics would hold up the window between two.
+scene's view shows. In one pass: between two the window's thread would wait.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
-from zlib import crc32
 
 import gpu
 import numpy as np
@@ -218,15 +217,6 @@ def show(one_to_one: bool, compares: bool, has_table: bool) -> Program:
     return compile_program(info, VERTEX, KEEP_LOOPS + FRAGMENT if is_opengl else FRAGMENT)
 
 
-@cache
-def first() -> Program:
-    """Draws nothing. NVIDIA's driver takes 30 ms longer for the first program that it does not find on disk, unless
-    that is a small one like this. Its text changes with FRAGMENT, so that it is never found alone."""
-    vertex = "void main() { gl_Position = vec4(position, 0.0, 1.0); }"
-    fragment = f"void main() {{ result = vec4({crc32(FRAGMENT.encode())}.0); }}"
-    return compile_program(gpu.types.GPUShaderCreateInfo(), vertex, fragment)
-
-
 def overlay_encoding() -> np.ndarray:
     """Texture values by which the 3D view's overlay shows a display colour, [entries] for display colours from 0 to 1.
 
@@ -235,13 +225,12 @@ def overlay_encoding() -> np.ndarray:
     level = np.arange(256) / 255.0
     linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
     shown = linear ** (1.0 / 2.2)
-    wanted = np.linspace(0.0, 1.0, ENCODING_ENTRIES)
-    return linear[np.searchsorted((shown[1:] + shown[:-1]) / 2.0, wanted)].astype(np.float32)
+    display = np.linspace(0.0, 1.0, ENCODING_ENTRIES)
+    return linear[np.searchsorted((shown[1:] + shown[:-1]) / 2.0, display)].astype(np.float32)
 
 
 def free() -> None:
     """Lets go of the compiled shaders."""
-    first.cache_clear()
     show.cache_clear()
 
 

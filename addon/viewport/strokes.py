@@ -1,6 +1,5 @@
-"""Draws the strokes and rectangles of the scribble brush over the camera's frame, a colour for each meaning.
-
-What is drawn is what the solver gets: a picture of how much each place is covered, not the lines of the brush."""
+"""Draws the strokes and rectangles of the scribble brush over the camera's frame, a colour for each meaning. The
+picture shows the solver's input: how much of each place is covered, not the lines of the brush."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..core import coverage
-from ..core.strokes import FARTHEST, KEEP, Meaning, Stroke
+from ..core.strokes import FARTHEST, Meaning, Stroke
 from . import camera_frame, light_marks
 from .camera_frame import Rectangle
 
@@ -22,9 +21,6 @@ HEIGHT = 270
 BRUSH_CORNERS = 64
 WIDEST = 4.0
 """Aspect from which on that picture does not get any wider."""
-
-OUTSIDE = Rectangle(-9.0, -9.0, -8.0, -8.0)
-"""Rectangle where nothing is seen."""
 
 _live: tuple[int, Stroke] | None = None
 """The movement that is being made, and its scene."""
@@ -69,31 +65,13 @@ def draw(
 
 
 def draw_brush(place: tuple[float, float], radius: float, meaning: Meaning, scale: float) -> None:
-    """Draws the brush's rim: light and dark, to be seen on any picture, and in the colour of what it means."""
+    """Draws the brush's rim: light and dark, to be seen on any picture, and in the colour of its meaning."""
     color = (*coverage.display_color(meaning), 1.0)
     blend = gpu.state.blend_get()
     gpu.state.blend_set("ALPHA")
     for inset, paint in ((-1.0, light_marks.SHADE), (0.0, light_marks.PLAIN), (1.0, color), (2.0, color)):
         shrunk = max(radius - inset * scale, 1.0)
         light_marks.rings(np.array([place]), shrunk, np.array([paint], np.float32), BRUSH_CORNERS)
-    gpu.state.blend_set(blend)
-
-
-def draw_no_strokes() -> None:
-    """Compiles what drawing strokes needs."""
-    point = Stroke(Meaning(KEEP), 1.0, 1.0, ((0.5, 0.5, 1.0),))
-    blend = gpu.state.blend_get()
-    gpu.state.blend_set("ALPHA_PREMULT")
-    # Drivers compile anew for edges that are powers of two.
-    _draw_picture(OUTSIDE, _texture_of((point,), (3, 3)))
-    gpu.state.blend_set(blend)
-
-
-def draw_no_rectangles() -> None:
-    """Compiles what drawing rectangles needs."""
-    blend = gpu.state.blend_get()
-    gpu.state.blend_set("ALPHA")
-    _draw_outline(OUTSIDE, (0.0, 0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0))
     gpu.state.blend_set(blend)
 
 

@@ -21,11 +21,6 @@ _levels: dict[int, tuple[Any, Any]] = {}
 """Textures of the tables' lists of colours, or none."""
 
 
-def is_there(frame: Any) -> bool:
-    """True if the pixels of a frame were uploaded."""
-    return id(frame) in _frames
-
-
 def of_frame(frame: Any) -> Any:
     """The scene-linear pixels of a frame."""
     if id(frame) not in _frames:
@@ -41,8 +36,6 @@ def of_table(view: View) -> Any:
     if id(table) not in _tables:
         # Places in a list of colours are finer than half floats.
         exact = view.levels is not None
-        if view.memory is not None:
-            view.memory.give_back()
         _tables[id(table)] = table, _upload(table.shape[2::-1], table, "RGBA32F" if exact else "RGBA16F")
         _forget(_tables)
     return _tables[id(table)][1]
@@ -61,16 +54,16 @@ def of_levels(view: View) -> Any:
     return _levels[key][1]
 
 
-def _forget(kept: dict) -> None:
+def _forget(tables: dict) -> None:
     """Drops the oldest."""
-    while len(kept) > TABLES_KEPT:
-        del kept[next(iter(kept))]
+    while len(tables) > TABLES_KEPT:
+        del tables[next(iter(tables))]
 
 
 def keep_only(frames: Iterable[Any]) -> None:
     """Lets go of all other frames; Blender frees their memory."""
-    wanted = {id(frame) for frame in frames}
-    for key in [key for key in _frames if key not in wanted]:
+    kept_ids = {id(frame) for frame in frames}
+    for key in [key for key in _frames if key not in kept_ids]:
         del _frames[key]
 
 

@@ -1,5 +1,5 @@
-"""Keeps the view beside an open bake (`export.view_file`) that of its scene, once the artist has let it be for a
-moment: dragging exposure writes nothing."""
+"""Writes the view of a scene beside its open bake (`export.view_file`), a moment after the last edit: dragging exposure
+writes nothing."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from weakref import WeakKeyDictionary
 
 import bpy
 
-from ..engine import view_worker
-from ..engine.shot import Shot
+from ..engine.shot.shot import Shot
+from ..engine.workers import view_worker
 from ..export.view_file import is_current, stamp
 from ..export.view_transform import view_key, view_settings
 
@@ -18,9 +18,9 @@ SETTLE_SECONDS = 1.0
 NEXT_TURN_SECONDS = 0.03
 
 _done: WeakKeyDictionary[Shot, str] = WeakKeyDictionary()
-"""The view that was written, or cannot be."""
-_seen: WeakKeyDictionary[Shot, tuple[str, float]] = WeakKeyDictionary()
-"""The view that was seen last, and since when."""
+"""Keys of the views that were written, or cannot be."""
+_last_views: WeakKeyDictionary[Shot, tuple[str, float]] = WeakKeyDictionary()
+"""Key of the last view of each shot, and the time since when it holds."""
 
 
 def is_done(shot: Shot, scene: bpy.types.Scene) -> bool:
@@ -30,11 +30,11 @@ def is_done(shot: Shot, scene: bpy.types.Scene) -> bool:
 
 
 def work(shot: Shot, scene: bpy.types.Scene) -> float:
-    """A turn of having the file written; seconds until the next one."""
+    """Polls the writing of the file; returns the seconds until the next call."""
     key, now = view_key(scene), time.monotonic()
-    before, since = _seen.get(shot, ("", now))
+    before, since = _last_views.get(shot, ("", now))
     if key != before:
-        _seen[shot] = key, now
+        _last_views[shot] = key, now
         return SETTLE_SECONDS
     if now - since < SETTLE_SECONDS:
         return SETTLE_SECONDS

@@ -1,7 +1,7 @@
-"""Tables for shaders from scene-linear pixels to what the scene's view shows (`export.color_table`).
+"""Tables for shaders, from scene-linear pixels to the colours of the scene's view (`export.color_table`).
 
-A Blender in the background colours the entries (`engine.view_worker`), so that the window never stands still: first a
-coarse table, then a fine one. The plain sRGB curve needs no table."""
+A Blender in the background colours the entries (`engine.workers.view_worker`), so that the window never stands still.
+The plain sRGB curve needs no table."""
 
 from __future__ import annotations
 
@@ -11,19 +11,18 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.fresh_memory import FreshMemory
-from ..engine import view_worker
+from ..engine.workers import view_worker
 from ..export import false_color
-from ..export.color_table import COARSE, FINE, LOG_MAX, Table, color_table
+from ..export.color_table import LOG_MAX, Table, color_table
 from ..export.view_transform import SHAPER_MIN, SHAPER_OFFSET, is_srgb_view, view_key, view_settings
 from ..export.working_space import rec709_from_scene_linear
 
-KEPT = 4
+MOST_TABLES = 4
 """Tables that are kept for views seen before."""
 
-_Kept = tuple[Table, FreshMemory | None]
-_tables: dict[tuple[int, str], _Kept] = {}
-_shown: dict[int, _Kept] = {}
+_tables: dict[str, Table] = {}
+"""Newest tables, by `_key`."""
+_shown: dict[int, Table] = {}
 """Newest table of each scene, good enough until the next one is there."""
 
 
@@ -39,16 +38,14 @@ class View:
     """Display colours [LEVELS, 3] of which the table holds the places, 0..1, where the view jumps between them."""
     to_rec709: np.ndarray = field(default_factory=lambda: np.eye(3, dtype=np.float32))
     """Matrix [3, 3] from scene-linear; used where there is no table."""
-    memory: FreshMemory | None = None
-    """Memory that the table takes on software graphics, until it is there."""
 
     def apply(self, colors: np.ndarray) -> np.ndarray:
         """Display colours, 0..1, of opaque scene-linear ones, [..., 3]."""
         scaled = np.maximum(np.nan_to_num(colors, posinf=1e30) * self.scale, 0.0)
         if self.table is None:
             return srgb_from_linear(scaled @ self.to_rec709.T) ** self.exponent
-        found = _sample(self.table, scaled)
-        return found if self.levels is None else false_color.look_up(self.levels, found[..., 0])
+        sampled = _sample(self.table, scaled)
+        return sampled if self.levels is None else false_color.look_up(self.levels, sampled[..., 0])
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
@@ -58,52 +55,48 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
 
 
 def of(scene: bpy.types.Scene) -> View | None:
-    """The view of a scene as far as it is known; None until `work` has made its first table. Costs nothing."""
+    """The view of a scene as far as it is known; None until its first table is there. Costs nothing."""
     settings = scene.view_settings
     if is_srgb_view(scene):
         exponent = 1.0 / max(settings.gamma, 1e-6)
         return View(None, 2.0**settings.exposure, exponent, to_rec709=rec709_from_scene_linear())
-    kept = _tables.get(_key(scene, FINE))
-    if kept is None:
-        kept = _tables.get(_key(scene, COARSE))
-    if kept is None:
-        kept = _shown.get(scene.session_uid)
-    if kept is None:
+    table = _tables.get(_key(scene)) or _shown.get(scene.session_uid)
+    if table is None:
         return None
-    _shown[scene.session_uid] = kept
+    _shown[scene.session_uid] = table
     _forget(_shown)
-    (entries, levels), memory = kept
-    return View(entries, 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0, levels, memory=memory)
+    entries, levels = table
+    return View(entries, 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0, levels)
 
 
 def is_complete(scene: bpy.types.Scene) -> bool:
     """True if nothing is left to do for `work`."""
-    return is_srgb_view(scene) or _key(scene, FINE) in _tables
+    return is_srgb_view(scene) or _key(scene) in _tables
 
 
 def work(scene: bpy.types.Scene) -> bool:
-    """Polls the making of the table; returns True if a better one came. Raises OSError."""
+    """Polls the making of the table; returns True if it came. Raises OSError."""
     if is_complete(scene):
         return False
     try:
         worker = view_worker.shared()
-        worker.ask(view_worker.tables_of(_settings(scene)))
-        found = worker.turn()
+        worker.ask(view_worker.table_of(_settings(scene)))
+        table = worker.turn()
     except OSError:
         if bpy.app.is_job_running("RENDER"):  # It would write its pictures with our settings.
             raise
         complete(scene)  # Where there can be no other Blender this one stands still for a moment.
         return True
-    if found is None:
+    if table is None:
         return False
-    _keep(scene, *found)
+    _keep(scene, table)
     return True
 
 
 def complete(scene: bpy.types.Scene) -> View:
-    """The view of a scene in full, at once: for what is not drawn live."""
+    """Full view of a scene, computed at once, for pictures that are not drawn live."""
     if not is_complete(scene):
-        _keep(scene, color_table(scene, FINE))
+        _keep(scene, color_table(scene))
     view = of(scene)
     assert view is not None
     return view
@@ -115,15 +108,15 @@ def clear() -> None:
     _shown.clear()
 
 
-def _keep(scene: bpy.types.Scene, table: Table, memory: FreshMemory | None = None) -> None:
-    _tables[_key(scene, len(table[0]))] = table, memory
+def _keep(scene: bpy.types.Scene, table: Table) -> None:
+    _tables[_key(scene)] = table
     _forget(_tables)
 
 
-def _forget(kept: dict) -> None:
+def _forget(tables: dict) -> None:
     """Drops the oldest."""
-    while len(kept) > KEPT:
-        del kept[next(iter(kept))]
+    while len(tables) > MOST_TABLES:
+        del tables[next(iter(tables))]
 
 
 def _settings(scene: bpy.types.Scene) -> dict[str, Any]:
@@ -131,8 +124,8 @@ def _settings(scene: bpy.types.Scene) -> dict[str, Any]:
     return view_settings(scene, with_exposure=scene.view_settings.use_curve_mapping)
 
 
-def _key(scene: bpy.types.Scene, size: int) -> tuple[int, str]:
-    return size, view_key(scene, with_exposure=scene.view_settings.use_curve_mapping)
+def _key(scene: bpy.types.Scene) -> str:
+    return view_key(scene, with_exposure=scene.view_settings.use_curve_mapping)
 
 
 def _sample(table: np.ndarray, colors: np.ndarray) -> np.ndarray:

@@ -24,13 +24,13 @@ def addon(module):
 
 def will_ask_again():
     """Whether a fuller picture of what was edited will be asked for a moment later."""
-    return bool(addon("ui.handlers")._resting)
+    return bool(addon("live.scheduler").scheduler.settling)
 
 
 def settled(driver):
     """Waits for the full picture of what the scene has now; for scenarios without an artist."""
     yield from driver.drawn()  # What scripts edit is noticed then.
-    shot = addon("engine.shot").of(driver.window.scene)
+    shot = addon("engine.shot.shot").of(driver.window.scene)
 
     def is_settled():
         return shot.frame is not None and not shot.is_busy and not will_ask_again()
@@ -54,8 +54,7 @@ class Artist:
     def _note_drawing(self):
         frame = self.shot and self.shot.frame
         has_view = addon("viewport.view_table").of(self.scene) is not None
-        drawn = frame and has_view and addon("viewport.precompilation").is_ready()
-        self.serial_drawn = frame.serial if drawn else 0
+        self.serial_drawn = frame.serial if frame and has_view else 0
 
     @property
     def scene(self):
@@ -65,7 +64,7 @@ class Artist:
     @property
     def shot(self):
         """What the add-on has open of the scene."""
-        return addon("engine.shot").of(self.scene)
+        return addon("engine.shot.shot").of(self.scene)
 
     @property
     def state(self):
@@ -130,9 +129,8 @@ class Artist:
         yield from self.driver.click(*place)
         yield from self._until_first_picture(None)
         seconds, render = time.perf_counter() - start, self.scene.render
-        size = (render.resolution_x, render.resolution_y)
-        goal = 5 if (self.driver.name, size) == ("cost", (960, 540)) else None
-        self.driver.record(f"time to the first picture, {size[0]} x {size[1]}", seconds, "s", goal)
+        size = f"{render.resolution_x} x {render.resolution_y}"
+        self.driver.record(f"time to the first picture, {size}", seconds, "s")
 
     def rebake(self):
         """Bakes anew, by the operator (its button is in a panel that is closed), and waits for the first picture."""

@@ -13,13 +13,9 @@ import traceback
 import bpy
 import gpu
 from screen import photograph, write_png
-from watch import Watch
 
 ADDON = "bl_ext.user_default.relume"
 INTERVAL = 0.01
-GOAL_MS = 50
-"""How long Blender's window may stand still for the add-on. Times depend on the machine: they are recorded, and those
-above the goal are printed beside what took them, but nothing fails by them."""
 NAP_SECONDS = 0.005
 """What Blender itself sleeps in each turn of an idle window, except where it may simulate events: there it would keep a
 core busy with nothing."""
@@ -39,12 +35,10 @@ class Driver:
     def __init__(self, name, folder):
         self.name = name
         self.scenes, self.scratch, self.pictures = folder / "scenes", folder / "scratch", folder / "pictures"
-        self.watch = Watch(bpy.utils.user_resource("EXTENSIONS"))
         self._framebuffer = folder / "screen" / "Xvfb_screen0"
         self._file = folder / "result.json"
         self._result = {"finished": False, "step": "start", "checks": 0}
         self._result |= {name: [] for name in ("failures", "figures", "expected", "skipped")}
-        self._longest_gap = 0.0
         self._mouse = (0, 0)
         self._found = {}
         """Where buttons were the last time: how far the side bar was scrolled, and the height in the window."""
@@ -55,14 +49,10 @@ class Driver:
     def start(self, play):
         """Plays from now on, then quits Blender."""
         steps = play(self)
-        last = time.perf_counter()
 
         def tick():
-            nonlocal last
-            self._longest_gap = max(self._longest_gap, time.perf_counter() - last - INTERVAL)
             try:
                 next(steps)
-                last = time.perf_counter()
                 return INTERVAL
             except StopIteration:
                 self._result["finished"] = True
@@ -74,37 +64,20 @@ class Driver:
         bpy.app.timers.register(tick, persistent=True)
         bpy.app.timers.register(self._nap, persistent=True)
 
-    def _nap(self):
+    @staticmethod
+    def _nap():
         """Called in every turn of Blender's window."""
-        self.watch.end_turn()
         time.sleep(NAP_SECONDS)
         return 0.0
 
     @contextlib.contextmanager
     def step(self, name):
-        """Names what is done; notes how long Blender's window stood still and what the add-on had of that."""
+        """Names what is done, and notes how long it took."""
         self._result["step"] = name
         self._save()
-        self._longest_gap = 0.0
-        self.watch.reset()
         begun = time.perf_counter()
         yield
         self.record(f"{name}: all of it", time.perf_counter() - begun, "s")
-        self.record(f"{name}: longest block of the window", self._longest_gap * 1000, "ms")
-        if self.watch.calls:
-            longest, own, first = self.watch.longest, self.watch.heaviest.own, self.watch.first_time
-            self.record(f"{name}: longest call of the add-on", longest.seconds * 1000, "ms", GOAL_MS)
-            self.record(f"{name}: most processor time of the add-on in a call", own * 1000, "ms", GOAL_MS)
-            turn = self.watch.longest_turn
-            self.record(f"{name}: most of the add-on in a turn of the window", turn.seconds * 1000, "ms", GOAL_MS)
-            for what, processor in first.of_blender.items():
-                self.record(f"{name}: processor time in a call of the add-on while {what}", processor * 1000, "ms")
-            print(f"{name}: the longest call of the add-on: {longest}", flush=True)
-            print(f"{name}: most of the add-on in a turn of the window: {turn}", flush=True)
-            if own * 1000 > GOAL_MS:
-                print(f"{name}: above the goal of {GOAL_MS} ms: {self.watch.heaviest}", flush=True)
-        for call in self.watch.slow:
-            print(f"{name}: a slow call of the add-on: {call}", flush=True)
 
     def _quit(self):
         try:

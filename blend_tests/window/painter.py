@@ -15,7 +15,7 @@ class Painter(Artist):
     @property
     def strokes(self):
         """The strokes that are kept."""
-        return addon("ui.solve_settings").strokes_of(self.scene)
+        return addon("engine.solve.request").strokes_of(self.scene)
 
     @property
     def tool(self):
@@ -63,7 +63,7 @@ class Painter(Artist):
 
     def solve(self):
         """Presses Enter over the view and waits for the end."""
-        solving = addon("ui.solving")
+        solving = addon("engine.solve.solving")
         yield from self.driver.move_mouse(*self.at(0.5, 0.5))
         yield from self.driver.press("RET")
         found = solving.running(self.scene)

@@ -2,6 +2,7 @@
 
 import bpy
 from artist import Artist, addon, brighten, drag_and_undo, same
+from calls import Calls
 from driver import ADDON
 
 MANY_SAMPLES = 512
@@ -30,9 +31,6 @@ def visit(driver, blend, size, lights, pixels=100, patient=True):
         driver.photo("settled")
         driver.check(artist.state == ("ready" if patient else "cancelled"), f"the end of the bake: {artist.words()}")
         driver.check(bool(artist.proxies()) == patient, f"proxies that have learned: {artist.proxies()}")
-        rehearsal = addon("viewport.driver_cache")
-        is_over = not (rehearsal.is_due(artist.scene) or rehearsal._is_refused)
-        driver.check(is_over, "another Blender has compiled what draws pictures, or none can")
     with driver.step("look like the render"):
         yield from artist.compare_with_display("overlay")
     with driver.step("drag and undo"):
@@ -143,10 +141,10 @@ def disable_while_training(driver, artist):
     artist.leave()
     bpy.ops.preferences.addon_disable(module=ADDON)
     yield from driver.drawn()
-    driver.watch.reset()
-    yield from driver.wait(2)
+    with Calls() as calls:
+        yield from driver.wait(2)
     driver.photo("disabled")
-    driver.check(driver.watch.calls == 0, "nothing of the add-on is called any more")
+    driver.check(not calls.found, f"nothing of the add-on is called any more: {calls.found}")
     bpy.ops.preferences.addon_enable(module=ADDON)
     yield from driver.drawn()
     driver.check(hasattr(artist.scene, "relume"), "it can be enabled again")

@@ -18,10 +18,10 @@ fuzz_target!(|text: &str| {
     drop(LiveRequest::parse(text));
     let Ok(mut request) = SolveRequest::parse(text) else { return };
     // What takes long is asked for rightly.
-    let wish = &mut request.wish;
-    (wish.starts, wish.candidates) = (wish.starts.min(2), wish.candidates.min(2));
-    (wish.steps, wish.polish) = (wish.steps.min(2), wish.polish.min(1));
-    if request.now.lights.len() + wish.add.map_or(0, |add| add.count) > 4 {
+    let options = &mut request.options;
+    (options.starts, options.candidates) = (options.starts.min(2), options.candidates.min(2));
+    (options.steps, options.polish) = (options.steps.min(2), options.polish.min(1));
+    if request.now.lights.len() + options.add.map_or(0, |add| add.count) > 4 {
         return;
     }
     let grey = |value: f32| Image { data: vec![value; 48], ..Image::new(4, 4, 3) };

@@ -120,7 +120,7 @@ def goals_table(machines):
 
 def table(folder):
     """What `docs/bench/README.md` says: goals, and a row for each figure, a column for each kept machine."""
-    files = [path for path in sorted(folder.glob("*.json")) if path.stem != "cases"]
+    files = [path for path in sorted(folder.glob("*.json")) if path.stem not in ("cases", "house")]
     machines = {path.stem: json.loads(path.read_text()) for path in files}
     cards = {name: records for name, records in machines.items() if "llvmpipe" not in records[0]["adapter"]}
     names = dict.fromkeys(record["name"] for records in machines.values() for record in records)

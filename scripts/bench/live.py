@@ -21,7 +21,7 @@ import bpy  # noqa: E402
 import relume  # noqa: E402
 from live_table import page  # noqa: E402
 
-from addon.engine.scene import load_scene  # noqa: E402
+from addon.engine.reading.scene import load_scene  # noqa: E402
 from addon.export import ExportOptions, trace_settings  # noqa: E402
 
 REPEATS = 9
@@ -37,7 +37,7 @@ class Shot:
         self.lights = json.loads(scene.lights())
         self.live = relume.Live(folder, device=device)
         self.seen = 0
-        self.live.relight(json.dumps({"lights": self.lights}))
+        self.live.relight(relume.Request.parse(json.dumps({"lights": self.lights})))
         settings = trace_settings(bpy.context.scene, lambda warning: None) | {"samples": samples}
         self.live.bake(scene, settings, train_seconds=train_seconds)
 
@@ -52,16 +52,16 @@ class Shot:
 
     def wait_until_done(self):
         """Waits for the end of baking and training and the final frame."""
-        while (state := json.loads(self.live.status())["state"]) != "ready":
-            if state == "failed":
-                raise SystemExit(json.loads(self.live.status())["error"])
+        while (status := self.live.status()).state != "ready":
+            if status.state == "failed":
+                raise SystemExit(status.error)
             time.sleep(0.05)
         self.next_frame(lambda frame: json.loads(frame.summary)["settled"])
 
     def ask(self, **request):
         """Milliseconds from a request to its first frame, and that frame."""
         start = time.perf_counter()
-        number = self.live.relight(json.dumps({"lights": self.lights} | request))
+        number = self.live.relight(relume.Request.parse(json.dumps({"lights": self.lights} | request)))
         frame = self.next_frame(lambda frame: frame.request == number)
         return 1000 * (time.perf_counter() - start), frame
 

@@ -21,7 +21,7 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from addon.engine.render_depsgraph import with_render_depsgraph  # noqa: E402
+from addon.engine.reading.render_depsgraph import with_render_depsgraph  # noqa: E402
 from addon.export import ExportOptions, export_scene  # noqa: E402
 
 HEADER = """<scene version="3.0.0"><default name="spp" value="64"/><default name="resx" value="640"/>

@@ -20,7 +20,7 @@ import stage
 import trees
 from kinds import KINDS, Cards
 
-from addon.engine.render_depsgraph import why_no_picture
+from addon.engine.reading.render_depsgraph import why_no_picture
 
 MORE_SAMPLES = (1, 4, 16, 64)
 """Times as many in the pictures of a single round that confirm a difference, which noise might have made."""

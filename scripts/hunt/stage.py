@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "scripts/parity")]
 
 import cycles_reference  # noqa: E402
-from addon.engine.scene import load_scene  # noqa: E402
+from addon.engine.reading.scene import load_scene  # noqa: E402
 from addon.export import trace_settings  # noqa: E402
 
 

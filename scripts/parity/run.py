@@ -27,7 +27,7 @@ import blame  # noqa: E402
 import compare  # noqa: E402
 import cycles_reference  # noqa: E402
 import light_sets  # noqa: E402
-from addon.engine.scene import load_scene  # noqa: E402
+from addon.engine.reading.scene import load_scene  # noqa: E402
 from addon.export import trace_settings  # noqa: E402
 
 SCENES = ("cornell_box", "modern_hall", "coffee_maker", "classroom", "kitchen", "sponza")

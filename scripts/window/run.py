@@ -170,6 +170,14 @@ def display(room, size):
         kill_group(server)
 
 
+def tell_versions(tree, release):
+    """Prints what the tree is made of, and when: Debian unstable has other versions every week."""
+    query = ["dpkg-query", f"--admindir={tree / 'var/lib/dpkg'}", "--show", "--showformat=${Package} ${Version}, "]
+    versions = subprocess.check_output([*query, "blender", "mesa-vulkan-drivers", "libgl1-mesa-dri"], text=True)
+    made = time.strftime("%Y-%m-%d", time.gmtime((tree / ".relume-setup").stat().st_mtime))
+    print(f"window: {versions}Debian {release} of {made}", flush=True)
+
+
 def check_blender(room, oldest):
     """The tree's Blender is said, and must be new enough for what is tested here; its version."""
     log = OUT / "version.log"
@@ -338,6 +346,7 @@ def main():
     shutil.rmtree(OUT, ignore_errors=True)
     OUT.mkdir(parents=True)
     tree = Path(setup.stdout.strip())
+    tell_versions(tree, options.debian)
     rooms = [Room(tree, options.nvidia) for _ in range(options.at_once)]
     try:
         version = check_blender(rooms[0], OLDEST_BLENDER if options.debian == NEWEST else OLDEST_SUPPORTED)

@@ -50,29 +50,29 @@ PRINCIPLED = (
 def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
     fields = {field: t.value(node, socket, context, default) for field, socket, default in PRINCIPLED}
     if fields["subsurface_weight"] != 0.0:
-        t.name(f"node '{node.name}': subsurface scattering is not supported yet; taken as diffuse")
-    _name_thin_film(t, node, context)
+        t.warn(f"node '{node.name}': subsurface scattering is not supported yet; taken as diffuse")
+    _warn_of_thin_film(t, node, context)
     if fields["transmission_weight"] != 0.0:
-        _name_rough_refraction(t, node, context)
+        _warn_of_rough_refraction(t, node, context)
     if t.value(node, "Thin Wall", context, 0.0) != 0.0:
-        t.name(f"node '{node.name}': thin walls are not supported yet; taken as solid")
+        t.warn(f"node '{node.name}': thin walls are not supported yet; taken as solid")
     if t.value(node, "Transmission Dispersion Scale", context, 0.0) != 0.0 and fields["transmission_weight"] != 0.0:
-        t.name(f"node '{node.name}': dispersion is not supported yet; all colours are refracted alike")
+        t.warn(f"node '{node.name}': dispersion is not supported yet; all colours are refracted alike")
     return t.emit({"type": "principled", **fields, "distribution": distribution(t, node)})
 
 
-def _name_rough_refraction(t: Translation, node: bpy.types.Node, context: Context) -> None:
-    """Cycles' light samples find refraction where its own rays never go, the more the rougher it is; what comes of both
-    depends on the light."""
+def _warn_of_rough_refraction(t: Translation, node: bpy.types.Node, context: Context) -> None:
+    """Warns of rough refraction. Cycles' light samples reach directions that its own rays never take, the more the
+    rougher it is; the difference depends on the light."""
     roughness = t.value(node, "Roughness", context)
     if isinstance(roughness, float) and roughness > ROUGH_REFRACTION:
-        t.name(f"node '{node.name}': refraction this rough is up to a tenth brighter in Cycles, by lamps behind it")
+        t.warn(f"node '{node.name}': refraction this rough is up to a tenth brighter in Cycles, by lamps behind it")
 
 
-def _name_thin_film(t: Translation, node: bpy.types.Node, context: Context) -> None:
+def _warn_of_thin_film(t: Translation, node: bpy.types.Node, context: Context) -> None:
     """Names a thin film as left out; glass and metal have it too from Blender 5.0 on."""
     if t.value(node, "Thin Film Thickness", context, 0.0) != 0.0:
-        t.name(f"node '{node.name}': thin film is not supported yet; left out")
+        t.warn(f"node '{node.name}': thin film is not supported yet; left out")
 
 
 def distribution(t: Translation, node: bpy.types.Node) -> str:
@@ -80,7 +80,7 @@ def distribution(t: Translation, node: bpy.types.Node) -> str:
     known = {"GGX": "ggx", "MULTI_GGX": "multi_ggx", "BECKMANN": "beckmann", "ASHIKHMIN_SHIRLEY": "ashikhmin_shirley"}
     name = getattr(node, "distribution", "GGX")
     if name not in known:
-        t.name(f"node '{node.name}': distribution {name} is not supported; taken as GGX")
+        t.warn(f"node '{node.name}': distribution {name} is not supported; taken as GGX")
     return known.get(name, "ggx")
 
 
@@ -130,20 +130,20 @@ def _nothing(_t: Translation, _node: bpy.types.Node, _context: Context) -> None:
 
 
 def _glass(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
-    _name_thin_film(t, node, context)
+    _warn_of_thin_film(t, node, context)
     if t.value(node, "Anisotropy", context, 0.0) != 0.0:
-        t.name(f"node '{node.name}': anisotropic glass is not supported yet; taken as rough in every direction alike")
-    _name_rough_refraction(t, node, context)
+        t.warn(f"node '{node.name}': anisotropic glass is not supported yet; taken as rough in every direction alike")
+    _warn_of_rough_refraction(t, node, context)
     return _simple("glass", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True)(t, node, context)
 
 
 def _refraction(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
-    _name_rough_refraction(t, node, context)
+    _warn_of_rough_refraction(t, node, context)
     return _simple("refraction", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True)(t, node, context)
 
 
 def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
-    _name_thin_film(t, node, context)
+    _warn_of_thin_film(t, node, context)
     fields = (
         ("color", "Base Color", [0.6, 0.6, 0.6]),
         ROUGHNESS,

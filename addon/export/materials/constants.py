@@ -1,4 +1,4 @@
-"""Shaders of lamps and worlds that emit the same everywhere. The tracer computes what their nodes come to."""
+"""Shaders of lamps and worlds that emit the same everywhere. The tracer computes the value of their nodes."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ class VaryingNodeError(Exception):
     """A shader does not emit the same everywhere; `node` is one that varies."""
 
     def __init__(self, node: bpy.types.Node):
+        """Error about a node whose output varies."""
         super().__init__(f"node '{node.name}' ({node.bl_label}) varies")
         self.node = node
 
@@ -47,7 +48,8 @@ class ConstantTranslation(Translation):
     """The graph of a lamp or world, in which nodes that vary stand for themselves."""
 
     def __init__(self, compute: ConstantEmission, light_path: Callable[[str], float | None], is_sun: bool = False):
-        """`light_path`: what an output of the Light Path node is for all that the light meets, if it is the same."""
+        """`light_path` gives the value of an output of the Light Path node, if it is the same for all that the light
+        meets."""
         images: Any = None  # Images vary.
         super().__init__(None, images, None, "")
         self.glow = 0.1 if bpy.app.version < (4, 5, 0) else 1.0
@@ -55,7 +57,7 @@ class ConstantTranslation(Translation):
         self.light_path = light_path
         self.is_sun = is_sun
         self.uses_light_path = False
-        """True if anything depended on what sees it."""
+        """True if the value depends on the kind of ray that sees it."""
         self.varying: dict[int, bpy.types.Node] = {}
         self._present: list[bpy.types.Node] = []
         """The nodes in translation."""
@@ -117,6 +119,6 @@ class ConstantTranslation(Translation):
         self.varying[number] = node
         return {"node": number, "output": "position"}
 
-    def name(self, _what: str) -> None:
-        """Refuses what cannot be computed: it varies."""
+    def warn(self, _message: str) -> None:
+        """Raises VaryingNodeError: an input that is not represented is no constant."""
         raise VaryingNodeError(self._present[-1])

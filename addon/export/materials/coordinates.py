@@ -23,8 +23,7 @@ def is_mapped(node: bpy.types.Node) -> bool:
 
 
 def texture_vector(t: Translation, source: Source, implied: dict[str, Any]) -> Any:
-    """The vector that a texture is taken at; None for what it takes where nothing is linked, which is `implied` as a
-    node."""
+    """Vector at which a texture is looked up; None for its default without a link, which is `implied` as a node."""
     node = source.node
     vector = t.value(node, "Vector", source.context, None)
     if not is_mapped(node):
@@ -42,8 +41,11 @@ def _mapped(t: Translation, vector: Any, mapping: bpy.types.TexMapping) -> Any:
     """Applies a mapping in Cycles' order: axes are exchanged, then moved. Cycles ignores the limits."""
     if _axes(mapping) != ("X", "Y", "Z"):
         parts = t.emit({"type": "separate_xyz", "vector": vector})
-        found = [{"node": parts, "output": AXES[axis]} if axis in AXES else 0.0 for axis in _axes(mapping)]
-        vector = {"node": t.emit({"type": "combine_xyz"} | dict(zip("xyz", found, strict=True))), "output": "vector"}
+        components = [{"node": parts, "output": AXES[axis]} if axis in AXES else 0.0 for axis in _axes(mapping)]
+        vector = {
+            "node": t.emit({"type": "combine_xyz"} | dict(zip("xyz", components, strict=True))),
+            "output": "vector",
+        }
     settings = {
         "kind": mapping.vector_type.lower(),
         "location": list(mapping.translation),

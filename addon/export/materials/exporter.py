@@ -63,6 +63,7 @@ class MaterialExporter:
     """Exports each material once and remembers its number."""
 
     def __init__(self, builder: Any, images: ImageExporter):
+        """Exports to a builder of a scene."""
         self.builder = builder
         self.images = images
         self.numbers: dict[str | None, int] = {}
@@ -85,17 +86,17 @@ class MaterialExporter:
             with _deep_recursion():
                 description = translation.run()
             if not _is_finite(description):
-                translation.name("one of its values is not a finite number; taken as grey diffuse")
+                translation.warn("one of its values is not a finite number; taken as grey diffuse")
                 description |= {"nodes": [DEFAULT_SURFACE], "surface": 0}
             number = self.builder.add_material(json.dumps(description))
         except NOT_UNDERSTOOD as error:
             translation.attributes.clear()
             reason = "too many follow each other" if isinstance(error, RecursionError) else error
-            translation.name(f"its nodes are not understood ({reason}); taken as grey diffuse")
+            translation.warn(f"its nodes are not understood ({reason}); taken as grey diffuse")
             description = {"name": translation.title, "nodes": [DEFAULT_SURFACE], "surface": 0}
             number = self.builder.add_material(json.dumps(description))
         if material is not None and not material.use_transparent_shadow and _any(description, TRANSPARENCY):
-            translation.name("shadows that ignore transparency are not supported; light passes what is transparent")
+            translation.warn("shadows that ignore transparency are not supported; light passes what is transparent")
         self.attributes[number] = {
             name: f"material '{translation.title}', node '{node}'" for name, node in translation.attributes.items()
         }
@@ -125,6 +126,7 @@ class Translation:
     """The graph of one material under construction. Node tables receive it to translate their inputs."""
 
     def __init__(self, builder: Any, images: ImageExporter, material: bpy.types.Material | None, object_name: str):
+        """Translates one material; messages name the object that shows it."""
         self.builder = builder
         self.images = images
         self.material = material
@@ -139,7 +141,7 @@ class Translation:
         self.normal: dict[str, Any] | None = None
         """A link to the shading normal, where it is not the mesh's."""
         self.attributes: dict[str, str] = {}
-        """Names of what it asks meshes for, and of a node that does."""
+        """Names of the mesh attributes that it reads, each with a node that does."""
 
     def run(self) -> dict[str, Any]:
         """The JSON form of the material."""
@@ -153,23 +155,23 @@ class Translation:
         tree = used_tree(material)
         if tree is None:
             return self.emit(DEFAULT_SURFACE | {"color": list(material.diffuse_color)[:3]})
-        found = surface_socket(tree)
-        if found is None:
+        output = surface_socket(tree)
+        if output is None:
             return None
-        surface, context = found
+        surface, context = output
         if self._feeds("Volume", surface, context):
-            self.name("volume is not supported yet; left out")
+            self.warn("volume is not supported yet; left out")
             if resolve(surface, context) is None:
                 return self.emit({"type": "transparent", "color": [1.0, 1.0, 1.0]})  # Cycles passes through it as well.
         if self._feeds("Displacement", surface, context):
             if material.displacement_method == "BUMP":
                 self.normal = self._displaced_normal(surface.node.inputs["Displacement"], context)
                 if self.normal is not None:
-                    self.name(
+                    self.warn(
                         "displacement is taken as a bump map; where it is steep it is a little darker than in Cycles"
                     )
             else:
-                self.name("displacement is not supported yet; left out")
+                self.warn("displacement is not supported yet; left out")
         return self.shader(surface, context)
 
     def _feeds(self, name: str, surface: bpy.types.NodeSocket, context: Context) -> bool:
@@ -204,21 +206,21 @@ class Translation:
             return not IS_INLINED
         return not isinstance(value, dict) or "node" not in value or self._constants[value["node"]]
 
-    def name(self, what: str) -> None:
-        """Tells the user what of this material could not be represented."""
-        self.builder.warn(f"{self.owner}: {what}")
+    def warn(self, message: str) -> None:
+        """Warns the user of a part of this material that cannot be represented."""
+        self.builder.warn(f"{self.owner}: {message}")
 
     def shader(self, socket: bpy.types.NodeSocket, context: Context) -> int | None:
-        """Number of the closure node that feeds a shader socket; what is no shader is emitted."""
-        found = trace(socket, context)
-        if isinstance(found, Constant):
-            color = constant_of(found, socket)
-        elif found.socket.type != "SHADER":
-            color = self._link_value(found, "RGBA")
+        """Number of the closure node that feeds a shader socket; a colour or number there is emitted."""
+        source = trace(socket, context)
+        if isinstance(source, Constant):
+            color = constant_of(source, socket)
+        elif source.socket.type != "SHADER":
+            color = self._link_value(source, "RGBA")
         else:
-            key = _key(found)
+            key = _key(source)
             if key not in self.done:
-                self.done[key] = self._closure(found)
+                self.done[key] = self._closure(source)
             return self.done[key]
         return None if color is None else self.emit({"type": "emission", "color": color, "strength": self.glow})
 
@@ -227,9 +229,9 @@ class Translation:
         if kind in CLOSURES:
             return CLOSURES[kind](self, source.node, source.context)
         if kind in FALLBACK_CLOSURES:
-            self.name(f"node '{source.node.name}' is not supported yet; taken as {FALLBACK_CLOSURES[kind][0]}")
+            self.warn(f"node '{source.node.name}' is not supported yet; taken as {FALLBACK_CLOSURES[kind][0]}")
             return FALLBACK_CLOSURES[kind][1](self, source.node, source.context)
-        self.name(f"node '{source.node.name}' ({source.node.bl_label}) is not supported yet; taken as grey diffuse")
+        self.warn(f"node '{source.node.name}' ({source.node.bl_label}) is not supported yet; taken as grey diffuse")
         return self.emit(DEFAULT_SURFACE)
 
     def value(self, node: bpy.types.Node, socket: str | int, context: Context, default: Any = 0.0) -> Any:
@@ -243,12 +245,12 @@ class Translation:
 
     def socket_value(self, target: bpy.types.NodeSocket, context: Context, default: Any = 0.0) -> Any:
         """See `value`."""
-        found = trace(target, context)
-        if default is None and is_implied(found, target):
+        source = trace(target, context)
+        if default is None and is_implied(source, target):
             return self.normal if target.identifier in {"Normal", "Coat Normal"} else None
-        if isinstance(found, Source):
-            return self._link_value(found, target.type)
-        value = constant_of(found, target)
+        if isinstance(source, Source):
+            return self._link_value(source, target.type)
+        value = constant_of(source, target)
         return default if value is None else value
 
     def number(self, node: bpy.types.Node, socket: str | int, context: Context, default: float = 0.0) -> Any:
@@ -318,7 +320,7 @@ class Translation:
         translate = VALUES.get(source.node.bl_idname)
         if translate is None:
             neutral = 0.5 if source.socket.type in {"VALUE", "RGBA"} else [0.0, 0.0, 0.0]
-            self.name(
+            self.warn(
                 f"node '{source.node.name}' ({source.node.bl_label}) is not supported yet; taken as constant {neutral}"
             )
             return neutral

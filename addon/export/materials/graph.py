@@ -77,12 +77,12 @@ def surface_socket(tree: bpy.types.NodeTree) -> tuple[bpy.types.NodeSocket, Cont
 
 
 def _surface_sockets(tree: bpy.types.NodeTree, context: Context) -> Iterator[tuple[bpy.types.NodeSocket, Context]]:
-    """Surface inputs, those of outputs within groups first, where they count."""
+    """Surface inputs that count; outputs within groups come first."""
     if not IS_INLINED:
         for group in filter(_is_group, tree.nodes):
             if group.node_tree is not None and not group.mute:
-                found = _surface_sockets(group.node_tree, (*context, group))
-                yield from ((socket, inner) for socket, inner in found if socket.is_linked)
+                sockets = _surface_sockets(group.node_tree, (*context, group))
+                yield from ((socket, inner) for socket, inner in sockets if socket.is_linked)
     output = tree.get_output_node("CYCLES")
     if output is not None and (IS_INLINED or not output.mute):
         yield output.inputs["Surface"], context
@@ -114,7 +114,7 @@ class Source(NamedTuple):
     socket: bpy.types.NodeSocket
     context: Context
     passed: tuple[str, ...] = ()
-    """Types of sockets between it and what it feeds, in the order in which its value passes them."""
+    """Types of sockets between it and the input that it feeds, in the order in which its value passes them."""
 
 
 class Constant(NamedTuple):
@@ -132,7 +132,7 @@ class Constant(NamedTuple):
 
 def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
     """Source of an input socket of a node in some groups."""
-    asked = socket
+    start = socket
     owner, own_passed = socket, 0  # What counts where links lead nowhere, and how much is passed from there.
     passed: list[str] = []
     is_gap = False  # Whether `socket` is of a reroute or a muted node.
@@ -141,7 +141,7 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
         inner = _inner(link.from_node, link.from_socket) if link is not None else None
         if link is None or (inner is None and _is_left_out(link.from_node, context)):
             if link is not None and IS_INLINED and _is_unknown(link.from_node):
-                return Constant(_shown(asked), asked.type, asked)
+                return Constant(_shown(start), start.type, start)
             if is_gap and not IS_INLINED:
                 return _zero(socket.type, passed)
             return Constant(_shown(owner), owner.type, owner, tuple(reversed(passed[:own_passed])))
@@ -153,10 +153,10 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
             socket, is_gap = node.inputs[0], True
         elif _is_group(node):
             passed.append(output.type)
-            found = _group_output(node, output.identifier)
-            if found is None:
+            outer = _group_output(node, output.identifier)
+            if outer is None:
                 return _zero(output.type, passed)
-            owner = socket = found
+            owner = socket = outer
             context, is_gap = (*context, node), False
             passed.append(socket.type)
             own_passed = len(passed)
@@ -165,10 +165,10 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
             owner = socket = chosen
             is_gap, own_passed = False, len(passed)
         elif node.bl_idname == "NodeGroupInput":
-            found = _by_identifier(context[-1].inputs, output.identifier)
-            if found is None:
+            outer = _by_identifier(context[-1].inputs, output.identifier)
+            if outer is None:
                 return _zero(output.type, passed)
-            owner = socket = found
+            owner = socket = outer
             context, is_gap = context[:-1], False
             passed.append(socket.type)
             own_passed = len(passed)
@@ -245,15 +245,15 @@ def resolve(socket: bpy.types.NodeSocket, context: Context) -> Source | None:
     return source if isinstance(source, Source) else None
 
 
-def is_implied(found: Source | Constant, socket: bpy.types.NodeSocket) -> bool:
-    """True if a socket for a normal, tangent or texture vector takes what it takes where nothing is linked."""
-    if isinstance(found, Source):
+def is_implied(source: Source | Constant, socket: bpy.types.NodeSocket) -> bool:
+    """True if a socket for a normal, tangent or texture vector has its default without a link."""
+    if isinstance(source, Source):
         return False
-    if found.owner == socket:
+    if source.owner == socket:
         return True
     if not IS_INLINED:
-        return found.owner is None or all(kind == found.kind for kind in found.passed)
-    is_alike = found.owner is not None and found.owner.hide_value and found.kind == socket.type
+        return source.owner is None or all(kind == source.kind for kind in source.passed)
+    is_alike = source.owner is not None and source.owner.hide_value and source.kind == socket.type
     return is_alike and socket.identifier != "Vector"
 
 
@@ -262,13 +262,14 @@ def constant_value(socket: bpy.types.NodeSocket, context: Context) -> Value | No
     return constant_of(trace(socket, context), socket)
 
 
-def constant_of(found: Source | Constant, socket: bpy.types.NodeSocket) -> Value | None:
-    """The value of what feeds `socket` (as `trace` finds it), as `socket` sees it; None if it is no constant."""
-    if isinstance(found, Constant):
-        value, kind = found.value, found.kind
+def constant_of(source: Source | Constant, socket: bpy.types.NodeSocket) -> Value | None:
+    """Value of the constant that feeds `socket` (as `trace` finds it), as `socket` sees it; None if it is no
+    constant."""
+    if isinstance(source, Constant):
+        value, kind = source.value, source.kind
     else:
-        value, kind = node_constant(found), found.socket.type
-    return None if value is None else passed_on(value, kind, (*found.passed, socket.type))
+        value, kind = node_constant(source), source.socket.type
+    return None if value is None else passed_on(value, kind, (*source.passed, socket.type))
 
 
 def node_constant(source: Source) -> Value | None:

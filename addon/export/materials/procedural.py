@@ -27,7 +27,7 @@ OUTPUTS = {
 
 
 def _vector(t: Translation, source: Source, name: str, values: dict[str, Any]) -> Any:
-    """The coordinates of a texture; None for what it takes by itself."""
+    """Coordinates of a texture; None for its default."""
     if name == "white_noise":  # It takes none by itself.
         return t.value(source.node, "Vector", source.context, [0.0] * 3)
     own = t.value(source.node, "Vector", source.context, None)
@@ -47,7 +47,7 @@ def _correct_bricks(t: Translation, node: bpy.types.Node, values: dict[str, Any]
     if isinstance(smooth, float) and smooth < 0.0 and _is_computed_by_blender(t, list(values.values())):
         values["mortar_smooth"] = 0.0  # Cycles has no mortar then.
     if 0.0 in (values["brick_width"], values["row_height"]):
-        t.name(f"node '{node.name}': bricks of no width or height differ from Cycles; give them one")
+        t.warn(f"node '{node.name}': bricks of no width or height differ from Cycles; give them one")
 
 
 def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:

@@ -60,7 +60,7 @@ def _image_texture(t: Translation, source: Source) -> Any:
 
     def description() -> dict[str, Any]:
         if node.projection != "FLAT":
-            t.name(f"node '{node.name}': {node.projection.lower()} projection is not supported yet; taken as flat")
+            t.warn(f"node '{node.name}': {node.projection.lower()} projection is not supported yet; taken as flat")
         if node.image is None:
             texture = t.images.missing(user)
         else:
@@ -80,23 +80,23 @@ def _image_texture(t: Translation, source: Source) -> Any:
 def _texture_coordinate(t: Translation, source: Source) -> Any:
     kind = source.socket.identifier.lower()
     if kind in {"generated", "uv"}:
-        _name_instancer(t, source.node)
+        _warn_of_instancer(t, source.node)
     if source.node.object is not None and kind == "object":
-        t.name(f"node '{source.node.name}': coordinates of another object are not supported yet; own ones are used")
+        t.warn(f"node '{source.node.name}': coordinates of another object are not supported yet; own ones are used")
     return {"node": t.emit({"type": "texture_coordinate", "kind": kind}), "output": "vector"}
 
 
 def _uv_map(t: Translation, source: Source) -> Any:
     """A UV map by its name may be an attribute of any kind."""
-    _name_instancer(t, source.node)
+    _warn_of_instancer(t, source.node)
     name = attribute_name(source.node)
     node = {"type": "attribute", "name": name} if name else {"type": "uv_map", "name": ""}
     return {"node": t.once(source, lambda: node), "output": "vector"}
 
 
-def _name_instancer(t: Translation, node: bpy.types.Node) -> None:
+def _warn_of_instancer(t: Translation, node: bpy.types.Node) -> None:
     if node.from_instancer:
-        t.name(f"node '{node.name}': coordinates of the instancer are not supported yet; own ones are used")
+        t.warn(f"node '{node.name}': coordinates of the instancer are not supported yet; own ones are used")
 
 
 def _mix(t: Translation, source: Source) -> Any:
@@ -106,14 +106,14 @@ def _mix(t: Translation, source: Source) -> Any:
         node.data_type, ("Color", "color")
     )
     if node.data_type not in {"FLOAT", "VECTOR", "RGBA"}:
-        t.name(f"node '{node.name}': mixing of {node.data_type.lower()} is not supported; taken as black")
+        t.warn(f"node '{node.name}': mixing of {node.data_type.lower()} is not supported; taken as black")
         return [0.0, 0.0, 0.0]
     per_component = node.data_type == "VECTOR" and node.factor_mode == "NON_UNIFORM"
     data = "vector_non_uniform" if per_component else output.replace("value", "float")
 
     def socket(identifier: str) -> Any:
-        found = next(socket for socket in node.inputs if socket.identifier == identifier)
-        return t.socket_value(found, source.context)
+        target = next(socket for socket in node.inputs if socket.identifier == identifier)
+        return t.socket_value(target, source.context)
 
     def description() -> dict[str, Any]:
         return {
@@ -152,7 +152,7 @@ VECTOR_OPERATIONS = {
 def _vector_math(t: Translation, source: Source) -> Any:
     node = source.node
     if node.operation not in VECTOR_OPERATIONS:
-        t.name(f"node '{node.name}': operation {node.operation.lower()} is not supported yet; its first input is used")
+        t.warn(f"node '{node.name}': operation {node.operation.lower()} is not supported yet; its first input is used")
         return t.value(node, 0, source.context)
 
     def description() -> dict[str, Any]:
@@ -165,7 +165,7 @@ def _vector_math(t: Translation, source: Source) -> Any:
 
 
 def _map_range(t: Translation, source: Source) -> Any:
-    """The Map Range node; that of vectors is one for each component."""
+    """The Map Range node; a vector becomes one node for each component."""
     node = source.node
     names = ("value", "from_min", "from_max", "to_min", "to_max", "steps")
     settings = {"type": "map_range", "interpolation": node.interpolation_type, "clamp": node.clamp}
@@ -236,7 +236,7 @@ def _geometry(t: Translation, source: Source) -> Any:
     }
     name = source.socket.identifier
     if name not in outputs:
-        t.name(f"node '{source.node.name}': output {name} is not supported yet; taken as constant 0.5")
+        t.warn(f"node '{source.node.name}': output {name} is not supported yet; taken as constant 0.5")
         return 0.5
     if name == "Normal" and t.normal is not None:
         return t.normal
@@ -258,7 +258,7 @@ def _object_info(t: Translation, source: Source) -> Any:
 def _light_path(t: Translation, source: Source) -> Any:
     """Paths are traced once for all rays, so tricks by ray type have no place: every ray is a first one."""
     is_camera = source.socket.identifier == "Is Camera Ray"
-    t.name(f"node '{source.node.name}': light path '{source.socket.name}' is not supported yet; as for a camera ray")
+    t.warn(f"node '{source.node.name}': light path '{source.socket.name}' is not supported yet; as for a camera ray")
     return 1.0 if is_camera else 0.0
 
 
@@ -306,7 +306,7 @@ def _attribute(t: Translation, source: Source) -> Any:
     """Color Attribute, and Attribute where it names one."""
     node, output = source.node, source.socket.identifier
     if getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
-        t.name(f"node '{node.name}': attributes of the {node.attribute_type.lower()} are not supported yet; black")
+        t.warn(f"node '{node.name}': attributes of the {node.attribute_type.lower()} are not supported yet; black")
         return [0.0, 0.0, 0.0]
     name = attribute_name(node) or ""
     if name == "" and node.bl_idname == "ShaderNodeAttribute":
@@ -351,7 +351,7 @@ def _normal_map(t: Translation, source: Source) -> Any:
         strength = t.value(node, "Strength", source.context, 1.0)
         settings = {"space": node.space.lower(), "uv_map": node.uv_map}
         if node.space.startswith("BLENDER_"):
-            t.name(f"node '{node.name}': where this old space turns normals away from the camera, Cycles is brighter")
+            t.warn(f"node '{node.name}': where this old space turns normals away from the camera, Cycles is brighter")
         if IS_INLINED and settings == {"space": "tangent", "uv_map": ""}:
             t.attributes[ANY_UV_MAP] = node.name  # Before Blender 5.0 it is known what Cycles takes without one.
         return {"type": "normal_map", **settings, "strength": strength, "color": color}
@@ -399,16 +399,16 @@ def _rgb_to_bw(t: Translation, source: Source) -> Any:
 
 
 def _bevel(t: Translation, source: Source) -> Any:
-    t.name(f"node '{source.node.name}': bevel is not supported yet; left out")
+    t.warn(f"node '{source.node.name}': bevel is not supported yet; left out")
     normal = t.value(source.node, "Normal", source.context, None)
     return normal or {"node": t.once(source, lambda: {"type": "geometry"}), "output": "normal"}
 
 
-def _first_input(what: str) -> Translate:
+def _first_input(feature: str) -> Translate:
     """Nodes that change their input in a way that is not supported: the input itself is the nearest thing."""
 
     def translate(t: Translation, source: Source) -> Any:
-        t.name(f"node '{source.node.name}': {what} is not supported yet; its input is used")
+        t.warn(f"node '{source.node.name}': {feature} is not supported yet; its input is used")
         return t.value(source.node, 0, source.context)
 
     return translate

@@ -17,7 +17,7 @@ def play(driver):
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 192, 108, 100
     scene.relume.quality, scene.relume.samples = "CUSTOM", 4
     scene.relume.folder = str(driver.scratch / "bake")
-    addon("engine.options").preferences().train_seconds = 0.0
+    addon("engine.shot.options").preferences().train_seconds = 0.0
     yield from driver.show_tab("Relume")
 
     with driver.step("stereo is refused"):
@@ -27,7 +27,7 @@ def play(driver):
         yield from driver.drawn()
         driver.photo("stereo")
         yield from driver.press("ESC")
-        driver.check(addon("engine.shot").of(scene) is None, "nothing was started")
+        driver.check(addon("engine.shot.shot").of(scene) is None, "nothing was started")
         driver.check(any("Stereo views" in line for line in driver.errors_shown()), f"{driver.errors_shown()}")
         scene.render.use_multiview = False
 
@@ -43,7 +43,7 @@ def play(driver):
         driver.photo("started")
         driver.check([getattr(scene.render, name) for name in EFFECTS] == before, "the settings are the artist's")
         driver.check(not list(files.iterdir()), f"no file was written: {list(files.iterdir())}")
-        notes = " ".join(addon("engine.shot").of(scene).notes)
+        notes = " ".join(addon("engine.shot.shot").of(scene).notes)
         for words in ("Freestyle's lines", "the compositor"):
             driver.check(words in notes, f"{words} are among the notes: {notes}")
 

@@ -12,7 +12,7 @@ BY_NAME = True
 
 def shot():
     """The open shot of the scene."""
-    return addon("engine.shot").of(bpy.context.scene)
+    return addon("engine.shot.shot").of(bpy.context.scene)
 
 
 def settled(driver, what):

@@ -52,7 +52,7 @@ def visit(driver, artist, blend):
     with driver.step(f"{name}: verify"):
         artist.scene.relume_verify.samples = 2
         bpy.ops.relume.verify()
-        found = addon("engine.verify").of(artist.scene)
+        found = addon("engine.cycles.verify").of(artist.scene)
         yield from driver.until(lambda: not found.is_running, "the render by Cycles", 600)
         driver.check(found.result is not None, f"it is verified: {found.error}")
 

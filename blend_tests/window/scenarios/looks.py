@@ -31,11 +31,11 @@ def play(driver):
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 160, 90, 100
     scene.relume.quality, scene.relume.samples = "CUSTOM", 4
     scene.relume.folder = str(driver.scratch / "bake")
-    addon("engine.options").preferences().train_seconds = 0.0
+    addon("engine.shot.options").preferences().train_seconds = 0.0
     yield from driver.show_tab("Relume")
     with driver.step("start"):
         bpy.ops.relume.start()
-        found = addon("engine.shot").of(scene)
+        found = addon("engine.shot.shot").of(scene)
         yield from driver.until(lambda: found.frame is not None, "the first picture", 300)
         yield from driver.until(lambda: addon("viewport.view_table").of(scene) is not None, "the view's colours", 60)
 

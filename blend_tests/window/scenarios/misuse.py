@@ -157,7 +157,7 @@ def another_file(driver, artist):
     path = bpy.data.filepath
     bpy.ops.wm.read_homefile(app_template="")
     yield from driver.drawn()
-    driver.check(addon("engine.shot").all_open() == [], "nothing goes on")
+    driver.check(addon("engine.shot.shot").all_open() == [], "nothing goes on")
     bpy.ops.wm.open_mainfile(filepath=path)
     yield from driver.drawn()
     yield from driver.until(

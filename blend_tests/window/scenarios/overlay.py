@@ -28,7 +28,7 @@ class Picture:
         return lambda *_arguments, **_options: 0
 
     def status(self):
-        return json.dumps(addon("engine.shot").EMPTY | {"state": "ready"})
+        return json.dumps(addon("engine.shot.shot").EMPTY | {"state": "ready"})
 
     def frame(self, newer_than=0):
         return Picture.given if Picture.given and Picture.given.serial > newer_than else None
@@ -74,9 +74,8 @@ def rectangle(driver, window=None):
 def shown(driver, name=None):
     """What the screen shows in the camera's frame, 0..1, bottom row first."""
     yield from driver.drawn()
-    view_table, warm_up = addon("viewport.view_table"), addon("viewport.precompilation")
+    view_table = addon("viewport.view_table")
     yield from driver.until(lambda: view_table.is_complete(bpy.context.scene), "the view's table", 300)
-    yield from driver.until(warm_up.is_ready, "what draws pictures", 300)
     yield from driver.drawn()
     left, top, right, bottom = rectangle(driver)
     return driver.photo(name)[top:bottom, left:right][::-1] / 255.0
@@ -269,10 +268,10 @@ def check_many_views(driver):
         is_there = found is not None and all(abs(a - b) <= 1 for a, b in zip(found, expected, strict=True))
         driver.check(is_there, f"the picture is in the second window, which covers the first: {found}, not {expected}")
         Picture.given = flat(40, color=(0.0, 0.0, 0.0))
-        addon("ui.handlers").wake()
+        addon("live.scheduler").scheduler.wake()
         yield from driver.until(lambda: box_of(driver.photo()) is None, "the black picture in the second window")
         Picture.given = flat(41)
-        addon("ui.handlers").wake()
+        addon("live.scheduler").scheduler.wake()
         yield from driver.until(lambda: box_of(driver.photo()) == found, "the picture in the second window again")
         with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
             bpy.ops.wm.window_close()
@@ -283,7 +282,7 @@ def check_many_views(driver):
 def play(driver):
     """See the first line of this file."""
     yield from driver.open("demo.blend")
-    shot = addon("engine.shot")
+    shot = addon("engine.shot.shot")
     shot.native = lambda: SimpleNamespace(Live=Picture)
     Picture.given = frame(1)
     yield from bare_camera_view(driver)

@@ -32,6 +32,6 @@ def play(driver):
         artist.scene.relume_verify.samples = 60_000
         bpy.ops.relume.verify()
         yield from driver.wait(2.0)
-        driver.check(addon("engine.verify").of(artist.scene).is_running, "the other Blender renders")
+        driver.check(addon("engine.cycles.verify").of(artist.scene).is_running, "the other Blender renders")
         driver.check(artist.state == "training", f"learning goes on: {artist.words()}")
         driver.photo("at work")

@@ -66,7 +66,7 @@ def play(driver):
                 bpy.app.handlers.render_init.remove(come_late)
             yield from artist.until_settled()
             driver.check(settings_of(scene) == before, f"the settings are {settings_of(scene)}, and were {before}")
-            driver.check(addon("engine.render_depsgraph").MARK not in scene, "nothing is left in the scene")
+            driver.check(addon("engine.reading.render_depsgraph").MARK not in scene, "nothing is left in the scene")
             mean = artist.picture().mean()
             driver.check(abs(mean - lit) < 0.05 * lit, f"the picture is the scene's: its mean is {mean}, and was {lit}")
             driver.photo(words.replace(" ", "-"))

@@ -44,7 +44,7 @@ def play(driver):
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
     scene.relume.quality, scene.relume.samples = "CUSTOM", 4
     scene.relume.folder = str(driver.scratch / "bake")
-    addon("engine.options").preferences().train_seconds = 0.0
+    addon("engine.shot.options").preferences().train_seconds = 0.0
     bpy.context.preferences.view.render_display_type = "NONE"
     scene.render.engine = "RELUME"
 
@@ -53,16 +53,12 @@ def play(driver):
         first = read_exr(save_render(driver))
         driver.check(first.max() > 0.0, "there is light in the picture")
 
-    with driver.step("panel"):
-        # What draws pictures is compiled while the artist looks at the panel.
-        yield from driver.show_tab("Relume")
-        yield from driver.until(lambda: not addon("viewport.precompilation").is_pending(), "the end of compiling", 60)
-
     with driver.step("start keeps the last render"):
+        yield from driver.show_tab("Relume")
         bpy.ops.relume.start()
         yield from settled(driver)
         driver.check((read_exr(save_render(driver)) == first).all(), "the last render is the user's")
-        shown = addon("engine.shot").of(scene).frame.image
+        shown = addon("engine.shot.shot").of(scene).frame.image
         off = np.abs(shown - first).max() / first.max()
         driver.check(off <= 1e-3, f"the picture at rest is the one of F12, but for rounding: off by {off:.1e}")
         driver.check(scene.render.engine == "RELUME", "the engine is the user's")
@@ -85,7 +81,7 @@ def play(driver):
         driver.check(difference.mean() < 1.0, f"Rendered is the overlay's picture: {difference.mean():.2f} of 255")
 
     with driver.step("single passes in the shading Rendered"):
-        found, whole = addon("engine.shot").of(scene), addon("engine.shot").of(scene).picture.image
+        found, whole = addon("engine.shot.shot").of(scene), addon("engine.shot.shot").of(scene).picture.image
         lights = addon("core.pass_names").light_passes(light["name"] for light in found.lights.descriptions)
         total = np.zeros_like(whole)
         for name in (*lights.values(), "world", "static"):
@@ -131,7 +127,7 @@ def play(driver):
     with driver.step("verify"):
         scene.relume_verify.samples = 16
         bpy.ops.relume.verify()
-        found = addon("engine.verify").of(scene)
+        found = addon("engine.cycles.verify").of(scene)
         seconds = yield from driver.until(lambda: not found.is_running, "the render by Cycles", 300)
         driver.record("verify with 16 samples", seconds, "s")
         driver.check(found.result is not None and found.result["error"] < 1.0, f"it is verified: {found.error}")
@@ -144,11 +140,11 @@ def play(driver):
     with driver.step("background"):
         scene.camera.location.x += 0.1
         bpy.ops.relume.background_start()
-        job = addon("engine.background").of(scene)
+        job = addon("engine.shot.background").of(scene)
         yield from driver.until(lambda: not job.is_running, "the background bake", 300)
         driver.check(job.done, f"the background bake is ready: {job.error}")
         yield from settled(driver)
-        driver.check(addon("engine.shot").of(scene).folder == driver.scratch / "bake", "it is shown")
+        driver.check(addon("engine.shot.shot").of(scene).folder == driver.scratch / "bake", "it is shown")
 
     with driver.step("disabled while F12 bakes"):
         scene.camera.location.x += 0.1

@@ -1,6 +1,7 @@
 """The extension is enabled in a window; disabling and enabling it leaves nothing behind."""
 
 import bpy
+from calls import Calls
 from driver import ADDON
 
 NEEDS = ["demo.blend"]
@@ -36,7 +37,7 @@ def keys():
 
 
 def footprint():
-    """All that an add-on can leave and that Blender lists. Timers and drawing show up as calls (`Driver.watch`)."""
+    """All that an add-on can leave and that Blender lists. Timers and drawing show up as calls (`Calls`)."""
     return {"handlers": handlers(), "classes": classes(), "keys": keys()}
 
 
@@ -50,8 +51,10 @@ def play(driver):
     """See the first line of this file."""
     with driver.step("open"):
         driver.check(ADDON in bpy.context.preferences.addons, "the extension is enabled after a restart")
-        yield from driver.open("demo.blend")
-        yield from driver.look_through_camera()
+        with Calls() as calls:
+            yield from driver.open("demo.blend")
+            yield from driver.look_through_camera()
+        driver.check(calls.found, "calls of an enabled add-on are noted")
         driver.photo("camera")
 
     enabled = footprint()
@@ -59,11 +62,12 @@ def play(driver):
         yield from switch(driver, on=False)
     disabled = footprint()
     with driver.step("disabled"):
-        bpy.context.scene.frame_set(2)
-        bpy.data.objects[0].location.x += 1
-        yield from driver.drawn()
-        yield from driver.wait(1)
-        driver.check(driver.watch.calls == 0, "nothing of a disabled add-on is called any more")
+        with Calls() as calls:
+            bpy.context.scene.frame_set(2)
+            bpy.data.objects[0].location.x += 1
+            yield from driver.drawn()
+            yield from driver.wait(1)
+        driver.check(not calls.found, f"nothing of a disabled add-on is called any more: {calls.found}")
 
     with driver.step("enable again, disable again"):
         yield from switch(driver, on=True)

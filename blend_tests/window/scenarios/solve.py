@@ -122,7 +122,7 @@ def outside_the_camera(driver, artist):
 
 def look_at_target(driver, artist):
     """Reads the target and shows it beside the picture."""
-    target = addon("ui.target")
+    target = addon("engine.solve.target_image")
     yield from driver.until(lambda: target.reading_of(artist.scene).is_done, "the target is read", 60)
     yield from driver.drawn()
     return target.reading_of(artist.scene)
@@ -259,11 +259,11 @@ def play(driver):
         yield from driver.move_mouse(*artist.at(0.5, 0.5))
         yield from driver.press("RET")
         yield from driver.wait(1)
-        driver.check(addon("ui.solving").running(artist.scene) is not None, "it solves")
+        driver.check(addon("engine.solve.solving").running(artist.scene) is not None, "it solves")
         driver.photo("solving")
         yield from driver.press("ESC")
         yield from driver.wait(0.5)
-        driver.check(addon("ui.solving").running(artist.scene) is None, "Esc cancels")
+        driver.check(addon("engine.solve.solving").running(artist.scene) is None, "Esc cancels")
         driver.check(artist.tool == "relume.scribble", "and the brush stays in hand")
         driver.check(len(artist.scene.relume_looks.items) == 0 and artist.values() == lights, "nothing is left of it")
         yield from artist.until_settled()

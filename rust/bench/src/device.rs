@@ -1,4 +1,4 @@
-//! What is measured of a GPU.
+//! Parts that measure a GPU.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -20,7 +20,7 @@ use crate::networks::{self, Extent as NetworkExtent};
 use crate::scenes::closed_box;
 use crate::{Record, live, peak, records, solve};
 
-/// What the driver says, what the device can do at best, and what it costs to have it do anything.
+/// Numbers that the driver states, best rates of the device, and fixed costs of work on it.
 pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>> {
     let says = |property: relume_gpu::Property| {
         Record::from(Figure::new(format!("driver: {}", property.name), property.value, ""))
@@ -50,7 +50,7 @@ pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>> {
     Ok(records)
 }
 
-/// What passes from the first path to the first relit picture: one path a pixel is traced by the CPU and copied, a light
+/// Seconds from the first path to the first relit picture: one path a pixel is traced by the CPU and copied, a light
 /// is gathered, and its picture comes back. Kernels are compiled, as on the first use in a process.
 pub fn first_picture(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<Vec<Record>> {
     let scene = closed_box(size)?;

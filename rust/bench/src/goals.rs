@@ -4,7 +4,7 @@ use serde::Deserialize;
 
 use crate::Record;
 
-/// What is to be reached on an NVIDIA H200, beside the paper's figures. `scripts/bench/graphics.py` makes a table of the same file.
+/// Goals on an NVIDIA H200, beside the paper's figures. `scripts/bench/graphics.py` makes a table of the same file.
 const GOALS: &str = include_str!("goals.json");
 
 /// A goal, for figures whose names begin with one of `names`.

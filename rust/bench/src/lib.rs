@@ -31,16 +31,16 @@ use scenes::closed_box;
 /// A part of the benchmark: its name and what it does.
 struct Part<'a>(&'static str, Box<dyn Fn() -> Result<Vec<Record>> + 'a>);
 
-/// What is measured.
+/// Choice of parts.
 #[derive(Clone, Debug, Default)]
 pub struct BenchOptions {
     /// Parts by their names; all if none is here.
     pub parts: Vec<String>,
-    /// As little of each as there can be, in seconds, to see that it works; the figures say nothing, and are called `trial: ...`.
+    /// True for the least that shows that everything runs, in seconds. The figures are called `trial: ...` and say nothing.
     pub trial: bool,
 }
 
-/// How much of each part is measured; pictures in pixels.
+/// Extent of each part; pictures in pixels.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     /// Picture and samples of the tracer.
@@ -217,7 +217,7 @@ mod tests {
         records.iter().map(|r| (&r.name[r.name.len() - name(r)..], r.unit.as_str())).collect()
     }
 
-    /// All are numbers above 0 and fit their limits, and nothing else is said of them.
+    /// Asserts that all are numbers above 0 and fit their limits, and that nothing else is said of them.
     fn check(records: &[Record], adapter: Option<&str>) {
         for record in records {
             let is_of_driver = record.name.starts_with("trial: driver: ");
@@ -241,7 +241,7 @@ mod tests {
         }
     }
 
-    /// Of a trial: the narrow ones.
+    /// Networks of a trial: the narrow ones.
     const NETWORKS: [&str; 2] = ["reference 64/4", "fast 64x2"];
 
     #[test]

@@ -32,7 +32,7 @@ struct Args {
     /// Print no progress.
     #[arg(long)]
     quiet: bool,
-    /// What to measure: auto (the best graphics card, else the CPU), cpu, gpu, or what `relume devices` prints.
+    /// Device to measure: auto (the best graphics card, else the CPU), cpu, gpu, or what `relume devices` prints.
     #[arg(long, default_value = "auto")]
     device: Device,
 }

@@ -61,7 +61,7 @@ pub struct Costs {
     pub wait: f64,
 }
 
-/// All that limits kernels.
+/// Measures the limits of kernels.
 ///
 /// # Errors
 /// If the device has not the memory, or was lost.

@@ -8,7 +8,7 @@ use crate::figure::Figure;
 /// best.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// What was measured.
+    /// Name of the measurement.
     pub name: String,
     /// The figure.
     pub value: f64,
@@ -22,12 +22,12 @@ pub struct Record {
     pub ratio: Option<f64>,
     /// The limit, in the same unit.
     pub limit: Option<f64>,
-    /// What takes all of the time at the limit: `bytes`, `operations` or `copies`.
+    /// Resource that takes all of the time at the limit: `bytes`, `operations` or `copies`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit_by: Option<String>,
     /// `value / limit`; of a time, `limit / value`.
     pub share_of_limit: Option<f64>,
-    /// What an NVIDIA H200 is to reach, in the same unit.
+    /// Goal on an NVIDIA H200, in the same unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub goal: Option<f64>,
     /// Name of the GPU; none for the CPU.

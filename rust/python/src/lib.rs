@@ -21,6 +21,9 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<job::PyJob>()?;
     module.add_class::<live::PyLive>()?;
     module.add_class::<live::PyFrame>()?;
+    module.add_class::<live::PyLight>()?;
+    module.add_class::<live::PyLiveStatus>()?;
+    module.add_class::<live::PyRequest>()?;
     module.add_class::<relighter::PyRelighter>()?;
     module.add_class::<scene::PySceneBuilder>()?;
     module.add_class::<scene::PyWorld>()?;

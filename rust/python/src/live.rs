@@ -1,23 +1,25 @@
-//! `Live` and `Frame`: a shot that is baked, trained and relit behind Python's back.
+//! `Live`, `Request`, `LiveStatus` and `Frame`: a shot that is baked, trained and relit behind Python's back.
 
 use crate::error::{NativeError, enter_native, invalid};
 use crate::scene::{PyScene, PyWorld};
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use pyo3::exceptions::PyAttributeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
-use relume_session::KnownLights;
-use relume_session::live::{self, LiveOptions, LiveRequest};
+use relume_session::live::{self, LiveOptions, LiveRequest, LiveStatus, RequestOptions};
 use relume_session::trace::TraceSettings;
+use relume_session::{LightSet, ParsedLight};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// See the stubs.
 #[pyclass(name = "Live", module = "relume", frozen)]
 pub struct PyLive {
     live: live::Live,
-    known: Mutex<KnownLights>,
 }
 
 #[pymethods]
@@ -26,8 +28,7 @@ impl PyLive {
     #[pyo3(signature = (folder, *, device="auto", gpu_memory=None, threads=0))]
     fn new(folder: PathBuf, device: &str, gpu_memory: Option<u64>, threads: usize) -> Self {
         let Ok(device) = device.parse();
-        let live = live::Live::new(&folder, LiveOptions { device, gpu_memory, threads });
-        Self { live, known: Mutex::default() }
+        Self { live: live::Live::new(&folder, LiveOptions { device, gpu_memory, threads }) }
     }
 
     #[pyo3(signature = (scene, settings, *, train_seconds=60.0, anew=false))]
@@ -39,8 +40,7 @@ impl PyLive {
         train_seconds: f64,
         anew: bool,
     ) -> PyResult<()> {
-        let json: String = py.import("json")?.call_method1("dumps", (settings,))?.extract()?;
-        let settings: TraceSettings = serde_json::from_str(&json).map_err(NativeError::from)?;
+        let settings: TraceSettings = from_python(settings)?;
         enter_native(py, || self.live.bake(scene.shared(), settings, train_seconds, anew))
     }
 
@@ -53,15 +53,12 @@ impl PyLive {
         enter_native(py, || self.live.learn(train_seconds))
     }
 
-    fn relight(&self, py: Python<'_>, request: &str) -> PyResult<u64> {
-        enter_native(py, || -> Result<u64, NativeError> { Ok(self.live.relight(self.parse(request)?)) })
+    fn relight(&self, request: &PyRequest) -> u64 {
+        self.live.relight(request.request.clone())
     }
 
-    fn show_world(&self, py: Python<'_>, world: &PyWorld, request: &str) -> PyResult<u64> {
-        enter_native(py, || -> Result<u64, NativeError> {
-            let request = self.parse(request)?;
-            Ok(self.live.show_world(world.world.clone(), request)?)
-        })
+    fn show_world(&self, py: Python<'_>, world: &PyWorld, request: &PyRequest) -> PyResult<u64> {
+        enter_native(py, || self.live.show_world(world.world.clone(), request.request.clone()))
     }
 
     #[pyo3(signature = (newer_than=0))]
@@ -70,8 +67,8 @@ impl PyLive {
         Some(PyFrame { frame, image: PyOnceLock::new() })
     }
 
-    fn status(&self, py: Python<'_>) -> PyResult<String> {
-        enter_native(py, || serde_json::to_string(&self.live.status()))
+    fn status(&self) -> PyLiveStatus {
+        PyLiveStatus { status: self.live.status(), fields: PyOnceLock::new() }
     }
 
     fn pause(&self, paused: bool) {
@@ -91,11 +88,107 @@ impl PyLive {
     }
 }
 
-impl PyLive {
-    fn parse(&self, request: &str) -> Result<LiveRequest, NativeError> {
-        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        LiveRequest::parse_knowing(request, &mut known).map_err(invalid)
+/// See the stubs.
+#[pyclass(name = "Light", module = "relume", frozen)]
+pub struct PyLight {
+    parsed: ParsedLight,
+}
+
+#[pymethods]
+impl PyLight {
+    #[new]
+    fn new(description: &Bound<'_, PyDict>) -> PyResult<Self> {
+        Ok(Self { parsed: ParsedLight::parse(&json_of(description)?).map_err(invalid)? })
     }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.parsed.light.name
+    }
+}
+
+/// See the stubs.
+#[pyclass(name = "Request", module = "relume", frozen)]
+pub struct PyRequest {
+    request: LiveRequest,
+}
+
+#[pymethods]
+impl PyRequest {
+    #[new]
+    #[pyo3(signature = (lights, **options))]
+    fn new(lights: Vec<PyRef<'_, PyLight>>, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let mut set = LightSet::default();
+        for light in &lights {
+            set.push(light.parsed.clone());
+        }
+        let options = options.map(from_python::<RequestOptions>).transpose()?.unwrap_or_default();
+        Ok(Self { request: LiveRequest::new(set, options).map_err(invalid)? })
+    }
+
+    #[staticmethod]
+    fn parse(text: &str) -> PyResult<Self> {
+        Ok(Self { request: LiveRequest::parse(text).map_err(invalid)? })
+    }
+}
+
+/// See the stubs.
+#[pyclass(name = "LiveStatus", module = "relume", frozen)]
+pub struct PyLiveStatus {
+    status: LiveStatus,
+    /// Python's values of all fields, made when one is first asked for.
+    fields: PyOnceLock<Py<PyDict>>,
+}
+
+#[pymethods]
+impl PyLiveStatus {
+    #[new]
+    #[pyo3(signature = (**fields))]
+    fn new(fields: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let status = fields.map(from_python::<LiveStatus>).transpose()?.unwrap_or_default();
+        Ok(Self { status, fields: PyOnceLock::new() })
+    }
+
+    fn with_picture_of(&self, other: &Self) -> Self {
+        let LiveStatus { shown, rarely_met, warnings, .. } = other.status.clone();
+        let status = LiveStatus { shown, rarely_met, warnings, ..self.status.clone() };
+        Self { status, fields: PyOnceLock::new() }
+    }
+
+    fn __getattr__(&self, py: Python<'_>, name: &str) -> PyResult<Py<PyAny>> {
+        let value = self.fields(py)?.get_item(name)?;
+        let missing = || PyAttributeError::new_err(format!("LiveStatus has no field '{name}'"));
+        value.map(Bound::unbind).ok_or_else(missing)
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.status == other.status
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(format!("LiveStatus(**{})", self.fields(py)?.repr()?))
+    }
+}
+
+impl PyLiveStatus {
+    fn fields<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let make = || Ok::<_, PyErr>(to_python(py, &self.status)?.cast_into::<PyDict>()?.unbind());
+        self.fields.get_or_try_init(py, make).map(|fields| fields.bind(py).clone())
+    }
+}
+
+/// JSON text of a Python value.
+fn json_of(value: &Bound<'_, PyAny>) -> PyResult<String> {
+    value.py().import("json")?.call_method1("dumps", (value,))?.extract()
+}
+
+fn from_python<T: DeserializeOwned>(value: &Bound<'_, PyDict>) -> PyResult<T> {
+    Ok(serde_json::from_str(&json_of(value)?).map_err(NativeError::from)?)
+}
+
+fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
+    let text = serde_json::to_string(value).map_err(NativeError::from)?;
+    py.import("json")?.call_method1("loads", (text,))
 }
 
 /// See the stubs.

@@ -45,7 +45,7 @@ pub use files::contents::lost_files;
 pub use files::environment::environment_texture;
 pub use files::folder_lock::folder_in_use;
 pub use files::inspect::{Info, ProxySummary, info};
-pub use files::light_set::{KnownLights, LightSet};
+pub use files::light_set::{LightSet, ParsedLight};
 pub use files::names::{
     CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, LOCK_FILE, VIEW_FILE, WORLD_FILE, proxy_path,
 };

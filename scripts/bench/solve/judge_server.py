@@ -26,7 +26,7 @@ import cycles_reference  # noqa: E402
 from addon.apply import new_lights  # noqa: E402
 from addon.apply.look_lights import light_state, restore_lights  # noqa: E402
 from addon.core.solve import solved  # noqa: E402
-from addon.engine.scene import load_scene  # noqa: E402
+from addon.engine.reading.scene import load_scene  # noqa: E402
 from addon.export.lights import LightExporter, name_of  # noqa: E402
 from addon.export.linking import LightLinking  # noqa: E402
 

@@ -21,7 +21,7 @@ from problem import IDENTITY, random_spheres
 from records import general
 from shot import Shot
 
-from addon.core.solve import Wish
+from addon.core.solve import SolveOptions
 from addon.core.solve import request as solver_request
 
 SCENES = ("cornell_box", "kitchen", "modern_hall", "classroom", "coffee_maker", "sponza")
@@ -182,8 +182,8 @@ class Shown:
     def request(self):
         """What the add-on would ask `relume.solve` for, with its defaults."""
         shown = {"lights": self.lights, "gains": {}, "world": [1.0] * 3, "static": [1.0] * 3}
-        wish = Wish(self.free, [goal for goal, _ in self.goals], starts=STARTS, steps=self.shot.args.steps)
-        return solver_request(shown, wish)
+        options = SolveOptions(self.free, [goal for goal, _ in self.goals], starts=STARTS, steps=self.shot.args.steps)
+        return solver_request(shown, options)
 
     def measure(self):
         """Solves, writes back, renders and measures each stroke."""

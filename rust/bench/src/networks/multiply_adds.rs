@@ -1,4 +1,4 @@
-//! As many fused multiply-adds as one core can: what its kernels are measured against.
+//! Peak of fused multiply-adds of one core, the limit of its kernels.
 
 use relume_proxy::Isa;
 

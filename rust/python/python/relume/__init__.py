@@ -3,9 +3,12 @@
 from . import _libraries as _libraries
 from ._native import (
     Frame,
+    Light,
     Live,
+    LiveStatus,
     Relighter,
     RelumeError,
+    Request,
     Scene,
     SceneBuilder,
     World,
@@ -18,9 +21,12 @@ from .jobs import Job, bake, info, solve, start, train, validate
 __all__ = [
     "Frame",
     "Job",
+    "Light",
     "Live",
+    "LiveStatus",
     "Relighter",
     "RelumeError",
+    "Request",
     "Scene",
     "SceneBuilder",
     "World",

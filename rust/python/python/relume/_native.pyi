@@ -3,7 +3,7 @@ the object; work runs without the GIL."""
 
 import os
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -252,13 +252,10 @@ class Live:
         """Trains a proxy for so many seconds for each kind of light in use that has none yet, on the whole bake that is
         shown. Raises RelumeError if something is baked or trained already."""
 
-    def relight(self, request: str) -> int:
-        """Asks for a picture; the newest request wins. JSON: `lights` (a light set), `gains` (RGB factors by name of
-        light), `world`, `static` (RGB factors), `interactive` (quick before exact), `half` (whether
-        such a picture has half the size; by default on slow machines), `with` (auto, gather, proxy), `aov` (albedo,
-        normal or depth in place of the lights)."""
+    def relight(self, request: Request) -> int:
+        """Asks for a picture; the newest request wins. Returns its number."""
 
-    def show_world(self, world: World, request: str) -> int:
+    def show_world(self, world: World, request: Request) -> int:
         """Asks for a picture under another world from now on, gathered from the same paths, also while they are being
         traced; factors on its light are relative to its colour. It is stored in the folder, unless it is the paths'
         own."""
@@ -266,8 +263,8 @@ class Live:
     def frame(self, newer_than: int = 0) -> Frame | None:
         """The newest frame, if its serial number is above this."""
 
-    def status(self) -> str:
-        """What is going on; the JSON form of `relume_session::live::LiveStatus`."""
+    def status(self) -> LiveStatus:
+        """State of the shot now."""
 
     def pause(self, paused: bool) -> None:
         """Lets baking and training stand still, or go on; relighting always goes on."""
@@ -277,6 +274,108 @@ class Live:
 
     def close(self, *, wait_seconds: float = 0.0) -> None:
         """Ends everything; files stay whole. Waits at most so long for the threads to end."""
+
+class Light:
+    """One light of a light set, parsed once. Immutable."""
+
+    def __init__(self, description: dict[str, Any]) -> None:
+        """JSON form of `relume_scene::Light` or `BlenderLight`. Raises ValueError that names the light."""
+
+    @property
+    def name(self) -> str:
+        """Name of the light."""
+
+Color = Sequence[float]
+"""RGB."""
+
+class Request:
+    """A picture to ask for. Immutable."""
+
+    def __init__(
+        self,
+        lights: Sequence[Light],
+        *,
+        gains: dict[str, Color] = ...,
+        world: Color = ...,
+        static: Color = ...,
+        interactive: bool = False,
+        half: bool | None = None,
+        aov: Literal["albedo", "normal", "depth"] | None = None,
+    ) -> None:
+        """Lights, factors on them by name, and factors on the light of world and emissive surfaces. `interactive`:
+        quick before exact. `half`: an interactive picture of half the size; by default on slow machines. `aov`: a
+        picture of that in place of the lights. Raises ValueError that names what is too bright."""
+
+    @staticmethod
+    def parse(text: str) -> Request:
+        """A request from JSON: a light set `lights`, the other parameters, and `with` (auto, gather, proxy)."""
+
+class StageProgress(TypedDict):
+    """Progress of a stage of the work."""
+
+    stage: str
+    done: int
+    total: int
+    elapsed_s: float
+    remaining_s: float | None
+    message: str
+
+class ProxyQuality(TypedDict):
+    """Errors of a proxy on lights that it never saw, and of gathering as many samples."""
+
+    psnr: float
+    smape: float
+    gather_smape: float
+
+class Shown(TypedDict):
+    """Contents of a frame."""
+
+    serial: int
+    request: int
+    scale: int
+    samples: int
+    makers: dict[str, str]
+    denoised: bool
+    settled: bool
+    noise: float | None
+
+class LiveStatus:
+    """State of a `Live` at one moment. Immutable; equal if all fields are."""
+
+    state: Literal["empty", "preparing", "baking", "training", "ready", "cancelled", "failed"]
+    paused: bool
+    """True if baking and training stand still."""
+    stage: StageProgress | None
+    samples: int
+    """Paths per pixel so far."""
+    samples_total: int
+    """Paths per pixel at the end."""
+    world_color: list[float] | None
+    """Radiance of the world that is shown, or the factor on its texture. None without paths."""
+    world_map: str | None
+    """Hash of the world that is shown. None without paths."""
+    world_is_stored: bool
+    """True if whoever opens the folder sees that world."""
+    proxies: dict[str, ProxyQuality]
+    """Trained proxies by kind of light."""
+    unlearned: list[str]
+    """Kinds of light in the newest request that have no proxy."""
+    to_learn: list[int]
+    """Paths per pixel of each training that has not ended."""
+    device: str
+    """Device that makes the pictures, in words."""
+    warnings: list[str]
+    rarely_met: list[str]
+    """Lights of the newest request that hardly any path meets, while new paths would."""
+    error: str | None
+    shown: Shown | None
+    """Contents of the newest frame."""
+
+    def __init__(self, **fields: Any) -> None:
+        """A status with some fields; the others are those of a shot without a bake."""
+
+    def with_picture_of(self, other: LiveStatus) -> LiveStatus:
+        """This status with `shown`, `rarely_met` and `warnings` of another."""
 
 class Frame:
     """A finished picture of a `Live`."""

@@ -14,8 +14,6 @@ use crate::error::SessionError;
 use relume_scene::{BlenderLight, Light, MOST_RADIANCE};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use serde_json::value::RawValue;
-use std::collections::HashMap;
 use std::io::Write;
 use std::path::Path;
 
@@ -91,14 +89,17 @@ impl LightSet {
         }
         let mut set = Self { name: file.name, ..Self::default() };
         for (i, value) in file.lights.into_iter().enumerate() {
-            set.push(numbered_light(i, value)?);
+            let name = name_in(&value);
+            let read = ParsedLight::from_json(value);
+            set.push(read.map_err(|reason| format!("light {i} '{name}': {reason}"))?);
         }
         Ok(set)
     }
 
-    fn push(&mut self, (light, notes): Read) {
-        self.lights.push(light);
-        self.notes.extend(notes);
+    /// Adds a light.
+    pub fn push(&mut self, read: ParsedLight) {
+        self.lights.push(read.light);
+        self.notes.extend(read.notes);
     }
 
     /// Writes the lights, atomically.
@@ -119,50 +120,42 @@ impl Serialize for LightSet {
 }
 
 /// A light and what was changed on reading it.
-type Read = (Light, Vec<String>);
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParsedLight {
+    /// The light.
+    pub light: Light,
+    /// Changes, in words for the user.
+    pub notes: Vec<String>,
+}
 
-/// The lights of the text that was read last. Of many lights an edit changes few: the others are not parsed again.
-#[derive(Default)]
-pub struct KnownLights(HashMap<String, Read>);
-
-impl KnownLights {
-    /// Reads a light set, parsing only lights that the text before did not hold.
+impl ParsedLight {
+    /// Parses one light of a light set.
     ///
     /// # Errors
-    /// Fails like [`LightSet::parse`]; the lights of the text before stay known.
-    pub(crate) fn parse(&mut self, text: &str) -> Result<LightSet, String> {
-        let Ok(texts) = serde_json::from_str::<Vec<&RawValue>>(text) else { return LightSet::parse(text) };
-        let texts: Vec<_> = texts.into_iter().map(RawValue::get).collect();
-        let mut read = Vec::with_capacity(texts.len());
-        for (i, text) in texts.iter().enumerate() {
-            read.push(match self.0.get(*text) {
-                Some(known) => known.clone(),
-                None => numbered_light(i, serde_json::from_str(text).map_err(|error| error.to_string())?)?,
-            });
+    /// In words that name the light and the field.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let value: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        let name = name_in(&value);
+        Self::from_json(value).map_err(|reason| format!("light '{name}': {reason}"))
+    }
+
+    fn from_json(value: Value) -> Result<Self, String> {
+        if value.get("kind").is_some() {
+            let light: BlenderLight = serde_json::from_value(value).map_err(|error| error.to_string())?;
+            let (light, notes) = light.to_light().map_err(|error| error.reason)?;
+            return Ok(Self { light, notes });
         }
-        self.0 = texts.iter().map(ToString::to_string).zip(read.iter().cloned()).collect();
-        let mut set = LightSet::default();
-        read.into_iter().for_each(|read| set.push(read));
-        Ok(set)
+        if value.get("shape").is_none() {
+            return Err("it has neither \"shape\" (with \"radiance\") nor \"kind\" (with \"energy\")".into());
+        }
+        let light: Light = serde_json::from_value(value).map_err(|error| error.to_string())?;
+        check(&light)?;
+        Ok(Self { light, notes: Vec::new() })
     }
 }
 
-fn numbered_light(i: usize, value: Value) -> Result<Read, String> {
-    let name = value.get("name").and_then(Value::as_str).unwrap_or("unnamed").to_string();
-    light(value).map_err(|reason| format!("light {i} '{name}': {reason}"))
-}
-
-fn light(value: Value) -> Result<Read, String> {
-    if value.get("kind").is_some() {
-        let light: BlenderLight = serde_json::from_value(value).map_err(|error| error.to_string())?;
-        return light.to_light().map_err(|error| error.reason);
-    }
-    if value.get("shape").is_none() {
-        return Err("it has neither \"shape\" (with \"radiance\") nor \"kind\" (with \"energy\")".into());
-    }
-    let light: Light = serde_json::from_value(value).map_err(|error| error.to_string())?;
-    check(&light)?;
-    Ok((light, Vec::new()))
+fn name_in(value: &Value) -> String {
+    value.get("name").and_then(Value::as_str).unwrap_or("unnamed").to_string()
 }
 
 /// Values that would make a light without area or direction; Blender's lights are checked by their own reader.
@@ -230,20 +223,14 @@ mod tests {
     }
 
     #[test]
-    fn known_lights_are_those_of_the_text() {
-        let mut known = KnownLights::default();
-        let moved = SPHERE.replace("[0, 1, 2]", "[0, 1, 3]");
-        for lights in [[SPHERE, AREA], [AREA, SPHERE], [&moved, AREA], [SPHERE, SPHERE]] {
-            let text = format!("[{}]", lights.join(", "));
-            assert_eq!(known.parse(&text), LightSet::parse(&text));
+    fn a_light_of_a_set_can_be_read_alone() {
+        for text in [SPHERE, AREA] {
+            let set = LightSet::parse(&format!("[{text}]")).unwrap();
+            let read = ParsedLight::parse(text).unwrap();
+            assert_eq!((set.lights, set.notes), (vec![read.light], read.notes));
         }
-        let wrong = format!("[{AREA}, {}]", SPHERE.replace("0.1", "-1"));
-        assert_eq!(known.parse(&wrong), LightSet::parse(&wrong));
-        assert!(known.parse(&wrong).unwrap_err().starts_with("light 1 'Key'"));
-        assert_eq!(known.parse("[{"), LightSet::parse("[{"));
-        let whole =
-            format!(r#"{{"format": "relume-lights", "version": 1, "name": "Evening", "lights": [{AREA}]}}"#);
-        assert_eq!(known.parse(&whole).unwrap().name, "Evening");
+        let error = ParsedLight::parse(&SPHERE.replace("0.1", "-1")).unwrap_err();
+        assert!(error.starts_with("light 'Key'") && error.contains("radius"), "{error}");
     }
 
     #[test]

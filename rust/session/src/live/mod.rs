@@ -30,7 +30,7 @@ pub use aov::Aov;
 use relume_scene::Scene;
 use relume_trace::TraceSettings;
 use render_thread::RenderThread;
-pub use request::LiveRequest;
+pub use request::{LiveRequest, RequestOptions};
 use shared::Shared;
 pub use shared::{Frame, LiveState, LiveStatus, ProxyStatus, Shown};
 use std::path::{Path, PathBuf};

@@ -1,10 +1,9 @@
 use super::Aov;
-use crate::files::light_set::{KnownLights, LightSet};
+use crate::files::light_set::LightSet;
 use crate::relight::source::Method;
 use relume_scene::{Light, MOST_RADIANCE};
 use serde::Deserialize;
-use serde_json::Value;
-use serde_json::value::RawValue;
+use serde_json::{Map, Value};
 use std::collections::HashMap;
 
 /// Request for a picture.
@@ -28,57 +27,46 @@ pub struct LiveRequest {
     pub notes: Vec<String>,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Json<L> {
-    lights: L,
-    #[serde(default)]
-    gains: HashMap<String, [f32; 3]>,
-    #[serde(default = "one")]
-    world: [f32; 3],
-    #[serde(default = "one", rename = "static")]
-    static_light: [f32; 3],
-    #[serde(default)]
-    interactive: bool,
-    half: Option<bool>,
-    #[serde(default, rename = "with")]
-    method: Method,
-    aov: Option<Aov>,
+/// Everything of a request but its lights. JSON: `{"gains": {"Key": [1, 1, 1]}, "world": [1, 1, 1], "static": [1, 1, 1],
+/// "interactive": false, "half": null, "with": "auto", "aov": null}`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RequestOptions {
+    /// Factors on the light of lights, by their names.
+    pub gains: HashMap<String, [f32; 3]>,
+    /// Factor on the world's light.
+    pub world: [f32; 3],
+    /// Factor on the light of emissive surfaces.
+    #[serde(rename = "static")]
+    pub static_light: [f32; 3],
+    /// Quick before exact.
+    pub interactive: bool,
+    /// Half the size while interactive; by default on slow machines.
+    pub half: Option<bool>,
+    /// Method that makes the pictures.
+    #[serde(rename = "with")]
+    pub method: Method,
+    /// Layer that is shown in place of the lights.
+    pub aov: Option<Aov>,
 }
 
-fn one() -> [f32; 3] {
-    [1.0; 3]
+impl Default for RequestOptions {
+    fn default() -> Self {
+        let (world, static_light) = ([1.0; 3], [1.0; 3]);
+        let (gains, method) = (HashMap::new(), Method::default());
+        Self { gains, world, static_light, interactive: false, half: None, method, aov: None }
+    }
 }
 
 impl LiveRequest {
-    /// Reads `{"lights": [...], "gains": {"Key": [1, 1, 1]}, "world": [1, 1, 1], "static": [1, 1, 1], "interactive": false,
-    /// "half": null, "with": "auto", "aov": null}`; the lights are a light set ([`LightSet::parse`]), gains go by their names.
+    /// Builds a request, with the gains multiplied into the lights.
     ///
     /// # Errors
-    /// Names the light or the field.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        Self::parse_knowing(text, &mut KnownLights::default())
-    }
-
-    /// [`LiveRequest::parse`], quicker if most lights are those of the text before.
-    ///
-    /// # Errors
-    /// Fails like [`LiveRequest::parse`].
-    pub fn parse_knowing(text: &str, known: &mut KnownLights) -> Result<Self, String> {
-        let json: Json<&RawValue> = serde_json::from_str(text).map_err(|error| error.to_string())?;
-        Self::of(known.parse(json.lights.get())?, json)
-    }
-
-    /// Reads a request that is part of some JSON.
-    pub(crate) fn from_json(value: Value) -> Result<Self, String> {
-        let mut json: Json<Value> = serde_json::from_value(value).map_err(|error| error.to_string())?;
-        Self::of(LightSet::from_json(json.lights.take())?, json)
-    }
-
-    fn of<L>(set: LightSet, json: Json<L>) -> Result<Self, String> {
+    /// If a light or a factor is too bright, in words that name it.
+    pub fn new(set: LightSet, options: RequestOptions) -> Result<Self, String> {
         let LightSet { mut lights, notes, .. } = set;
         for light in &mut lights {
-            let gain = json.gains.get(&light.name).copied().unwrap_or(one());
+            let gain = options.gains.get(&light.name).copied().unwrap_or([1.0; 3]);
             light.radiance = std::array::from_fn(|c| light.radiance[c] * gain[c]);
         }
         let is_bearable = |values: &[f32; 3]| values.iter().all(|value| value.abs() <= MOST_RADIANCE);
@@ -88,14 +76,29 @@ impl LiveRequest {
                 let advice = "lower its power, exposure or multiplier";
                 return Err(format!("light '{}': {limit}; {advice}", light.name));
             }
-            None if !is_bearable(&json.world) || !is_bearable(&json.static_light) => {
+            None if !is_bearable(&options.world) || !is_bearable(&options.static_light) => {
                 return Err(format!(
                     "the gains of world and static must be numbers of at most {MOST_RADIANCE:e}"
                 ));
             }
             None => {}
         }
-        let Json { world, static_light, interactive, half, method, aov, .. } = json;
+        let RequestOptions { world, static_light, interactive, half, method, aov, .. } = options;
         Ok(Self { lights, world, static_light, interactive, half, method, aov, notes })
+    }
+
+    /// Parses the JSON form of [`RequestOptions`] with one more field, `lights`: a light set ([`LightSet::parse`]).
+    ///
+    /// # Errors
+    /// In words that name the light or the field.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        Self::from_json(serde_json::from_str(text).map_err(|error| error.to_string())?)
+    }
+
+    /// Reads a request that is part of some JSON.
+    pub(crate) fn from_json(mut fields: Map<String, Value>) -> Result<Self, String> {
+        let lights = fields.remove("lights").ok_or("a request needs \"lights\"")?;
+        let options = serde_json::from_value(Value::Object(fields)).map_err(|error| error.to_string())?;
+        Self::new(LightSet::from_json(lights)?, options)
     }
 }

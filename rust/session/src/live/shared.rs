@@ -8,13 +8,13 @@ use relume_dump::Dump;
 use relume_image::Image;
 use relume_proxy::LightKind;
 use relume_scene::Light;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Activity of a live shot.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LiveState {
     /// Initial state.
@@ -42,7 +42,8 @@ impl LiveState {
 }
 
 /// Status of a live shot.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct LiveStatus {
     /// Present activity.
     pub state: LiveState,
@@ -82,7 +83,7 @@ pub struct LiveStatus {
 }
 
 /// Errors of a proxy, on lights that it never saw.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProxyStatus {
     /// dB, tonemapped.
     pub psnr: f64,
@@ -93,7 +94,7 @@ pub struct ProxyStatus {
 }
 
 /// Description of a frame.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shown {
     /// Number of the frame, from 1.
     pub serial: u64,

@@ -329,7 +329,7 @@ impl SolveRequest {
         let (mut now, options): (Map<_, _>, Map<_, _>) = value.into_iter().partition(|(key, _)| is_now(key));
         let lights = now.entry("lights").or_insert_with(|| Value::Array(Vec::new()));
         let described = lights.get("lights").unwrap_or(lights).as_array().cloned().unwrap_or_default();
-        let now = LiveRequest::from_json(Value::Object(now))?;
+        let now = LiveRequest::from_json(now)?;
         let options: SolveOptions =
             serde_json::from_value(Value::Object(options)).map_err(|error| error.to_string())?;
         let request = Self { now, described, options };

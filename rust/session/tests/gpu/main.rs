@@ -53,7 +53,7 @@ fn pictures_of_the_gpu_are_those_of_the_cpu() {
     let gpu = Relighter::open(folder.path()).unwrap().on(&compute);
     let cpu = Relighter::open(folder.path()).unwrap();
     for with in [Method::Gather, Method::Proxy] {
-        let options = RelightOptions { method, denoise: false };
+        let options = RelightOptions { method: with, denoise: false };
         let picture = |relighter: &Relighter| {
             relighter.relight(&[sphere("Own", 0.2)], &options, &Monitor::default()).unwrap().combined()
         };
@@ -152,7 +152,7 @@ fn a_gpu_that_is_lost_between_pictures_is_opened_again_with_its_budget() {
     let monitor = Monitor::new(warnings.clone(), Cancel::default());
     let mut relighter = Relighter::open(folder.path()).unwrap().on(&compute);
     let picture = |relighter: &Relighter, radius: f32, with: Method| {
-        let options = RelightOptions { method, denoise: false };
+        let options = RelightOptions { method: with, denoise: false };
         relighter.relight(&[sphere("Own", radius)], &options, &monitor).unwrap().combined()
     };
     let unharmed = Relighter::open(folder.path()).unwrap().on(&unshared());

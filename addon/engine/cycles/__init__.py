@@ -1,0 +1,1 @@
+"""Cycles as the reference: verification of a picture."""

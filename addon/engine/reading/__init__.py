@@ -1,0 +1,1 @@
+"""Reading of a scene as final renders see it."""

@@ -1,0 +1,82 @@
+"""Export of the open Blender file to a native scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import bpy
+
+from ...export import ExportOptions, export_scene
+from ...export.left_out import left_out_of_scene, left_to_blender
+from ...export.stop import ExportCancelled, Stop
+from ...export.view_layer import render_layer
+from ...export.working_space import LINEAR_REC709, working_space
+from ..native import native
+from ..world import worlds
+from .render_depsgraph import RenderTask, start_with_render_depsgraph, with_render_depsgraph
+
+
+def load_scene(scene: bpy.types.Scene, options: ExportOptions | None = None) -> Any:
+    """A `relume.Scene` of the present frame, as a final render would see it."""
+    native()
+    return with_render_depsgraph(scene, _export(scene, options))
+
+
+def load_scene_async(
+    scene: bpy.types.Scene,
+    options: ExportOptions | None,
+    done: Callable[[Any | None, BaseException | None], None],
+) -> RenderTask | None:
+    """Loads like `load_scene`, without blocking Blender's window. `done` gets the scene or the error, from the event
+    loop. The task can be cancelled, also with Esc as any render; the error is `ExportCancelled` then. Without a window
+    all is done on return."""
+    try:
+        if not bpy.app.background:
+            native()
+            return start_with_render_depsgraph(scene, _export(scene, options), done)
+        result = load_scene(scene, options)
+    except Exception as error:
+        done(None, error)
+    else:
+        done(result, None)
+    return None
+
+
+def scene_of_depsgraph(
+    depsgraph: bpy.types.Depsgraph, options: ExportOptions | None, stop: Stop, notes: Sequence[str] = ()
+) -> Any:
+    """A `relume.Scene` of what a render engine was given, with notes among its warnings. Raises `ExportCancelled` soon
+    after `stop` says so."""
+    builder = native().SceneBuilder(working_space())
+    for note in notes:
+        builder.warn(note)
+    if working_space() != LINEAR_REC709:
+        builder.warn(f"working space {working_space()}: image textures and black bodies keep {LINEAR_REC709} primaries")
+    export_scene(
+        _Stoppable(builder, stop),
+        depsgraph,
+        options or ExportOptions(),
+        lambda world: worlds.rendered(world, stop),
+    )
+    return builder.build()
+
+
+def _export(scene: bpy.types.Scene, options: ExportOptions | None) -> Callable[[bpy.types.Depsgraph, Stop], Any]:
+    """Work that reads a scene and names what is left out. That is found before: the copy that is read has another name
+    and other settings."""
+    layer = render_layer(scene)
+    notes = [*left_out_of_scene(scene, layer), *left_to_blender(scene, layer)]
+    return lambda depsgraph, stop: scene_of_depsgraph(depsgraph, options, stop, notes)
+
+
+class _Stoppable:
+    """A scene builder that may be interrupted before each part."""
+
+    def __init__(self, builder: Any, stop: Stop):
+        self._builder, self._stop = builder, stop
+
+    def __getattr__(self, name: str) -> Any:
+        if self._stop():
+            raise ExportCancelled("cancelled")
+        return getattr(self._builder, name)

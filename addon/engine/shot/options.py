@@ -1,0 +1,127 @@
+"""Choices of the artist, from the scene and from the preferences, as one plain value."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import uuid
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...core.bake_folder import default_folder, is_bake
+
+PACKAGE = __package__.removesuffix(".engine.shot")
+"""Name of the add-on: Blender renames the package of an extension."""
+
+
+class FolderError(ValueError):
+    """A scene's bake folder cannot be told; the message says why and what to do."""
+
+
+QUALITIES = {
+    "DRAFT": ("Draft", 16, "for a first look"),
+    "GOOD": ("Good", 64, "for daily work"),
+    "FINAL": ("Final", 256, "for finished pictures"),
+}
+MIB = 2**20
+SESSION = uuid.uuid4().hex[:8]
+"""Tells the unsaved files of this run of Blender from those of others."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Options of a shot's bake."""
+
+    folder: Path
+    samples: int = 64
+    device: str = "auto"
+    gpu_memory: int | None = None
+    """Bytes; None for what the driver offers."""
+    threads: int = 0
+    train_seconds: float = 60.0
+
+
+def options_of(scene: bpy.types.Scene) -> Options:
+    """Options of a scene; defaults where the panel or the preferences are not registered. Raises FolderError."""
+    settings, chosen = getattr(scene, "relume", None), preferences()
+    samples = _samples(settings) if settings else Options.samples
+    folder = bake_folder(scene)
+    if chosen is None:
+        return Options(folder, samples)
+    return Options(
+        folder,
+        samples,
+        device=chosen.device or "auto",
+        gpu_memory=chosen.gpu_memory * MIB if chosen.limit_gpu_memory else None,
+        threads=chosen.threads,
+        train_seconds=chosen.train_seconds,
+    )
+
+
+def _samples(settings: Any) -> int:
+    return settings.samples if settings.quality == "CUSTOM" else QUALITIES[settings.quality][1]
+
+
+def bake_folder(scene: bpy.types.Scene) -> Path:
+    """Absolute path of the folder that a bake of the scene is written to. Raises FolderError."""
+    chosen = getattr(getattr(scene, "relume", None), "folder", "")
+    if chosen.startswith("//") and not bpy.data.filepath:
+        raise FolderError("The bake folder is beside a file that is not saved; save it, or choose another folder")
+    if chosen:
+        return absolute(chosen)
+    camera = scene.camera.name if scene.camera else "camera"
+    unsaved = f"{SESSION}_{scene.session_uid}"
+    return default_folder(bpy.data.filepath, scene.name, camera, cache_folder(), unsaved)
+
+
+def remember_bake(scene: bpy.types.Scene, folder: Path) -> None:
+    """Notes in the file where its bake is: relative to the file, which may be moved with it, and absolute, for a file
+    that is saved elsewhere."""
+    scene.relume.baked_absolute = str(folder)
+    scene.relume.baked_folder = str(folder)
+    if bpy.data.filepath:
+        with suppress(ValueError):  # Another drive of Windows.
+            scene.relume.baked_folder = bpy.path.relpath(str(folder))
+
+
+def places_of_bake(scene: bpy.types.Scene) -> tuple[Path, ...]:
+    """Possible locations of a scene's bake by what its file says, the likelier first; none if it says nothing."""
+    settings = getattr(scene, "relume", None)
+    if settings is None or not settings.baked_folder:
+        return ()
+    return absolute(settings.baked_folder), absolute(settings.baked_absolute or settings.baked_folder)
+
+
+def remembered_bake(scene: bpy.types.Scene) -> Path | None:
+    """Location of the bake by what the file says, whether it is there or not; None if it says nothing."""
+    places = places_of_bake(scene)
+    return next((place for place in places if is_bake(place)), places[0] if places else None)
+
+
+def cache_folder() -> Path:
+    """Folder for bakes of files that were never saved."""
+    chosen = preferences()
+    if chosen is not None and chosen.cache_folder:
+        return absolute(chosen.cache_folder)
+    return user_folder("bakes")
+
+
+def user_folder(name: str) -> Path:
+    """A folder for files of the add-on that belong to the user, which may not be there yet."""
+    if PACKAGE.startswith("bl_ext."):
+        return Path(bpy.utils.extension_path_user(PACKAGE, path=name))
+    return Path(bpy.utils.user_resource("DATAFILES", path="relume")) / name
+
+
+def absolute(path: str) -> Path:
+    """The place of a path that may begin with `//`, the folder of the .blend file."""
+    return Path(os.path.abspath(bpy.path.abspath(path)))
+
+
+def preferences() -> Any:
+    """The add-on's preferences; None where it is not enabled."""
+    addon = bpy.context.preferences.addons.get(PACKAGE)
+    return addon.preferences if addon else None

@@ -1,0 +1,482 @@
+"""A shot that Relume works on: one for each scene. Everything here returns at once; the native module works on
+threads of its own and is polled."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Collection
+from typing import Any
+
+import bpy
+
+from ...core.bake_folder import camera_of, world_map_of
+from ...core.status import is_unfinished, lacks_samples
+from ...core.words import Kind, by_kind, grouped
+from ...export import ExportOptions, trace_settings
+from ...export.linking import receiver_names
+from ...export.stop import ExportCancelled
+from ..native import native
+from ..reading.render_depsgraph import RenderTask
+from ..reading.scene import load_scene_async
+from ..reading.scene_lights import Description, SceneLights
+from ..staleness import fingerprints
+from ..staleness.tracker import StalenessTracker
+from ..world import worlds
+from ..world.world_follower import WorldFollower
+from . import record
+from .options import Options, options_of, remember_bake, remembered_bake
+from .passes import Passes, Whole
+from .remaining_work import RemainingWork
+
+EMPTY: dict[str, Any] = {
+    "state": "empty",
+    "paused": False,
+    "stage": None,
+    "samples": 0,
+    "samples_total": 0,
+    "world_color": None,
+    "world_map": None,
+    "world_is_stored": True,
+    "proxies": {},
+    "unlearned": [],
+    "to_learn": [],
+    "device": "",
+    "warnings": [],
+    "rarely_met": [],
+    "error": None,
+    "shown": None,
+    "remaining": None,
+    "is_incomplete": False,
+    "is_under_another_world": False,
+}
+"""Status as the native module reports it, with the last three keys added by `RemainingWork` and this module."""
+LIVELY_SECONDS = 2.0
+TRACING = {"preparing", "baking"}
+WORKING = TRACING | {"training"}
+
+_shots: dict[int, Shot] = {}
+
+
+class Shot:
+    """Bake of one scene, and the work on it."""
+
+    def __init__(self, scene: bpy.types.Scene, options: Options, kept: record.Record | None):
+        self.scene_uid = scene.session_uid
+        self.folder = options.folder
+        self.options = options
+        self.camera = kept.camera if kept else scene.camera.name if scene.camera else ""
+        """Name of the camera that the bake is of, as it is called now."""
+        self._camera_uid = scene.camera.session_uid if scene.camera and not kept else None
+        self.status = EMPTY | {"state": "preparing"}
+        self.frame: Any = None
+        """The newest picture."""
+        self.frame_before: Any = None
+        """The last picture of the bake that this one replaces."""
+        self.warnings: list[str] = []
+        self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else receiver_names(scene))
+        self.changes = StalenessTracker(kept.fingerprints if kept else None)
+        self.changes.maps |= kept.maps if kept else {}
+        self.is_recorded = kept is not None
+        self._remaining = RemainingWork(options)
+        self.is_exporting = self._has_ended = False
+        self._task: RenderTask | None = None
+        self._world = WorldFollower(self.changes)
+        self._read_world = ""
+        """Shape of the world's fingerprint when reading the scene began."""
+        self._content: dict[str, Any] = {}
+        """Content of the newest request; empty if that is not the present lights and rows."""
+        self._is_interactive = self._anew = False
+        self.was_interrupted = False
+        """True if reading the scene was stopped, until that is noticed."""
+        self.refusal = ""
+        """Why the newest request has no picture."""
+        self._request_number = self._whole_number = 0
+        """Numbers of the newest request, and of the first one with the present content."""
+        self.serial = 0
+        """Serial of the newest frame, of the whole picture or of a pass."""
+        self._passes = Passes(self._ask_content)
+        self._status_text = ""
+        self._news = time.monotonic()
+        self._live = native().Live(
+            str(options.folder), device=options.device, gpu_memory=options.gpu_memory, threads=options.threads
+        )
+
+    @classmethod
+    def start(cls, scene: bpy.types.Scene, anew: bool = False, options: Options | None = None) -> Shot:
+        """Exports the scene and bakes it with its options or others; goes on with an interrupted bake of the same
+        scene. A whole one is traced `anew` if its paths look for lights where they no longer are."""
+        before = of(scene)
+        if before is not None:
+            before.changes.reload_images()
+        shot = cls._replace(scene, options or options_of(scene), None)
+        shot._anew = anew
+        shot._export(scene)
+        return shot
+
+    @classmethod
+    def open(cls, scene: bpy.types.Scene) -> Shot:
+        """Takes the bake that the file remembers, or else what the scene's folder holds."""
+        options = options_of(scene)
+        folder = remembered_bake(scene) or options.folder
+        shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
+        shot.is_recorded = True
+        shot._remaining.read()
+        if shot.changes.is_recording:
+            shot._camera_uid = None
+            shot.warnings.append("This bake says nothing of its scene: what changed before it was opened is not seen")
+        shot._find_camera(scene, camera_of(folder))
+        if shot.camera not in scene.objects:
+            words = f"Camera '{shot.camera}' of this bake is not in the scene"
+            shot.warnings.append(f"{words}: if it was renamed, give it that name again; else start anew")
+        shot._live.open()
+        return shot
+
+    @classmethod
+    def _replace(cls, scene: bpy.types.Scene, options: Options, kept: record.Record | None) -> Shot:
+        """A new shot in the place of the scene's present one."""
+        shot = cls(scene, options, kept)
+        before = of(scene)
+        if before is not None:
+            shot.frame_before = before.picture if before.camera == shot.camera else None
+            before.close()
+        _shots[scene.session_uid] = shot
+        return shot
+
+    def _export(self, scene: bpy.types.Scene) -> None:
+        """Reads the scene, in a window on another thread, then bakes it."""
+        self.is_exporting = True
+        if bpy.app.background:
+            self._load(scene)
+
+    def begin_reading(self, scene: bpy.types.Scene) -> bool:
+        """Begins to read the scene in a window, if that was asked for; returns True if it did. Blender's operator that
+        begins a render takes its time, and should have a tick to itself."""
+        if not self.is_exporting or self._task is not None:
+            return False
+        self._load(scene)
+        return True
+
+    def _scene(self) -> bpy.types.Scene | None:
+        return next((scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid), None)
+
+    def _load(self, scene: bpy.types.Scene) -> None:
+        settings = trace_settings(scene, self.warnings.append)
+        settings |= {"samples": self.options.samples, "threads": self.options.threads}
+        self._read_world = fingerprints.world(scene)["shape"]
+        self._task = load_scene_async(
+            scene, ExportOptions(), lambda exported, error: self._exported(exported, error, settings)
+        )
+
+    def _exported(self, exported: Any, error: BaseException | None, settings: dict[str, Any]) -> None:
+        self.is_exporting, self._task = False, None
+        if not self.is_open:
+            return
+        try:
+            if error is not None:
+                raise error
+            self._bake(exported, settings)
+        except ExportCancelled:
+            self.was_interrupted = True
+            self._end({"state": "cancelled"})
+        except Exception as problem:
+            self._end({"state": "failed", "error": str(problem) or repr(problem)})
+
+    def _bake(self, exported: Any, settings: dict[str, Any]) -> None:
+        self.warnings += exported.warnings
+        self._note_world_of(exported)
+        # Until now the bake in the folder was the one before.
+        record.forget(self.folder)
+        if scene := self._scene():
+            remember_bake(scene, self.folder)
+        self._remaining.note_bake()
+        self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
+
+    def _note_world_of(self, exported: Any) -> None:
+        """Notes the world that was read under the shape of its fingerprint, if that did not change meanwhile."""
+        scene = self._scene()
+        if scene is not None and fingerprints.world(scene)["shape"] == self._read_world:
+            self.changes.maps[exported.world_map] = self._read_world
+
+    def _end(self, status: dict[str, Any]) -> None:
+        """Ends the shot where there was no bake, and the native module has nothing to say."""
+        self.status |= status
+        self._has_ended = True
+
+    def _find_camera(self, scene: bpy.types.Scene, baked: str) -> None:
+        """Finds the camera of a bake that was opened: it may have been renamed since, in a file that was not saved."""
+        known = self.camera if self.changes.baked else ""
+        self.camera = next((name for name in (known, baked) if name in scene.objects), known or baked or self.camera)
+        if self.camera != known and self.camera in scene.objects:
+            self.changes.rename_camera(scene.objects[self.camera].name_full)
+
+    def recognises(self, camera: bpy.types.Object) -> bool:
+        """True if the bake is of this camera. It is found by its name once, and then known by its uid under any
+        name."""
+        if camera.session_uid != self._camera_uid:
+            if camera.name != self.camera or self._camera_exists():
+                return False
+            self._camera_uid = camera.session_uid
+        if camera.name != self.camera:
+            self.camera = camera.name
+            self.changes.rename_camera(camera.name_full)
+            self.is_recorded = self.is_recorded and self.changes.is_recording
+        return True
+
+    def _camera_exists(self) -> bool:
+        uid = self._camera_uid
+        return uid is not None and any(obj.session_uid == uid for obj in bpy.data.objects)
+
+    @property
+    def is_open(self) -> bool:
+        """True until the shot is closed."""
+        return _shots.get(self.scene_uid) is self
+
+    @property
+    def is_stored(self) -> bool:
+        """True if the folder holds something of this shot, or soon will."""
+        return not (self.is_exporting or self._has_ended)
+
+    @property
+    def is_working(self) -> bool:
+        """True while something is being baked or trained."""
+        return self.status["state"] in WORKING
+
+    @property
+    def is_tracing(self) -> bool:
+        """True while paths are being traced, or the scene is read for that."""
+        return self.status["state"] in TRACING
+
+    @property
+    def picture(self) -> Any:
+        """Newest picture; before there is one, that of the bake before."""
+        return self.frame or (self.frame_before if self.is_working else None)
+
+    @property
+    def pictures(self) -> list[Any]:
+        """All that views may show."""
+        return [self.picture, *self._passes.turns.pictures.values()]
+
+    def picture_of(self, name: str) -> Any:
+        """Newest picture of a pass; the whole picture as long as there is none, or no such light."""
+        return self._passes.turns.pictures.get(name, self.picture)
+
+    @property
+    def present_frame(self) -> Any:
+        """The picture of the present lights and rows, in any size; None while it is on its way, and while that of a
+        look or of lights that are being solved is asked for instead."""
+        is_asked_for = bool(self._content) and not self.is_changing_world and not self.lights.is_waiting
+        is_present = is_asked_for and self.frame is not None and self.frame.request >= self._whole_number
+        return self.frame if is_present else None
+
+    @property
+    def is_changing_world(self) -> bool:
+        """True while another world than the present one is still shown."""
+        return self._world.is_behind
+
+    @property
+    def can_show(self) -> bool:
+        """True if requests have pictures, now or as soon as there are paths. After a failure, what was baked before it
+        is shown."""
+        there = self.status["samples"] or self.status["proxies"] or self.status["shown"]
+        return not self._has_ended and (self.status["state"] != "failed" or bool(there))
+
+    @property
+    def is_busy(self) -> bool:
+        """True if a newer status or picture is to be expected."""
+        if self.status["state"] == "empty" or not self.can_show:
+            return False
+        shown = self.status["shown"] or {}
+        waits = shown.get("request", 0) < self._request_number or not shown.get("settled", True)
+        return self.is_working or waits or self._world.is_reading or self.lights.is_waiting
+
+    @property
+    def is_lively(self) -> bool:
+        """True if a status or picture came within the last seconds."""
+        return time.monotonic() - self._news < LIVELY_SECONDS
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes for the artist, each once: features that Relume cannot represent, warnings, and the reason for a
+        missing picture."""
+        return list(grouped(self._all_warnings()))
+
+    @property
+    def warnings_by_kind(self) -> tuple[Kind, ...]:
+        """The notes for a list that can be unfolded."""
+        return by_kind(self._all_warnings())
+
+    def _all_warnings(self) -> tuple[str, ...]:
+        refusal = [self.refusal] * bool(self.refusal)
+        return (*refusal, *self.lights.warnings, *self.warnings, *self.status["warnings"])
+
+    def follow_world(self, scene: bpy.types.Scene) -> Any:
+        """Makes the present world ready to be shown where another one is, a turn at a time; gives it to `relight` once
+        it is."""
+        task = None if self.is_exporting else self._world.follow(scene)
+        if task is None:
+            return None
+        self.warnings += task.world.warnings
+        self.is_recorded = self.changes.is_recording
+        self.keep_record()
+        return task.world
+
+    def relight(self, lights: list[Description], mix: dict, interactive: bool, world: Any = None) -> bool:
+        """Asks for a picture; the newest request wins. `lights` as `SceneLights` describes them, `mix` as
+        `core.rows.mix` does, and `world` as `follow_world` gives it, where there is another from now on. False if that
+        is what was asked for before: Blender also tells of edits that change nothing."""
+        content = {"lights": lights, **mix}
+        same = content == self._content and world is None
+        if same and (interactive or not self._is_interactive):
+            return False
+        try:
+            self.ask(request_text(content, interactive), world)
+        except ValueError as error:
+            self.refusal = str(error)
+            return False
+        self.refusal = ""
+        self._content, self._is_interactive = content, interactive
+        return True
+
+    def ask(self, request: str, world: Any = None) -> int:
+        """Asks for the picture of any request, such as one that was kept; its number."""
+        self._content = {}
+        self._news = time.monotonic()
+        live = self._live
+        self._request_number = live.relight(request) if world is None else live.show_world(world, request)
+        self._whole_number = self._request_number
+        return self._request_number
+
+    def show_passes(self, names: Collection[str]) -> None:
+        """Shows the pictures of these passes only, one a tick, after the whole picture. Waits until all paths are
+        traced, as these look for the lights of the newest request."""
+        frame, status, whole = self.present_frame, self.status, None
+        if frame is not None and self.can_show and not self.is_tracing:
+            asked = self._content, self._is_interactive, self._whole_number
+            whole = Whole(frame, *asked, status["samples"], status["proxies"])
+        self._passes.follow(names, whole)
+
+    def _ask_content(self, content: dict[str, Any], interactive: bool) -> int:
+        self._request_number = self._live.relight(request_text(content, interactive))
+        return self._request_number
+
+    def poll(self) -> bool:
+        """Takes the newest picture and status; returns True if there was anything new."""
+        if self.is_exporting or self._has_ended:
+            return False
+        text = self._live.status()
+        frame = self._live.frame(self.serial)
+        self.keep_record()
+        if text == self._status_text and frame is None:
+            return False
+        self._news = time.monotonic()
+        self._status_text = text
+        self.status = json.loads(text) | (self._of_whole() if self._passes.turns.is_away else {})
+        self._remaining.note(self.status)
+        self.status["is_under_another_world"] = self._is_under_another_world()
+        self.changes.note_world(self.status["world_map"], self.status["world_color"])
+        if frame:
+            self._take(frame)
+        return True
+
+    def _take(self, frame: Any) -> None:
+        turns = self._passes.turns
+        self.serial, was_away = frame.serial, turns.is_away
+        if not turns.take(frame):
+            self.frame, self.frame_before = frame, None
+        if was_away and not turns.is_away:
+            self._status_text = ""  # What it says of the picture was left out.
+
+    def _of_whole(self) -> dict[str, Any]:
+        """Status of the whole picture, kept while the native module reports that of a pass."""
+        return {name: self.status[name] for name in ("shown", "rarely_met", "warnings")}
+
+    def _is_under_another_world(self) -> bool:
+        """True if paths are missing that cannot be added, because those in the folder are of another world than is
+        shown."""
+        if not (is_unfinished(self.status) and lacks_samples(self.status)):
+            return False
+        return world_map_of(self.folder) not in {None, self.status["world_map"]}
+
+    def resume_options(self, scene: bpy.types.Scene) -> Options:
+        """Options to go on with what was asked for of this bake, in its folder."""
+        options = dataclasses.replace(
+            options_of(scene), folder=self.folder, samples=self.status["samples_total"] or self.options.samples
+        )
+        goal = self._remaining.goal
+        return dataclasses.replace(options, train_seconds=goal.train_seconds) if goal else options
+
+    def keep_record(self) -> None:
+        """Writes what the bake is of, as soon as there is a bake and that is known."""
+        if self.is_recorded or self.changes.is_recording or not self.status["samples"]:
+            return
+        self.is_recorded = True
+        try:
+            baked = self.changes.baked_fingerprints()
+            record.Record(self.camera, self.lights.receivers, baked, self.changes.maps).write(self.folder)
+        except OSError as error:
+            self.warnings.append(f"What the bake is of could not be written down: {error}")
+
+    @property
+    def lacks_a_kind(self) -> bool:
+        """True if a kind of light came into use after the goal was met, and could be learned as well. Lights that a
+        look or the solver shows are not in use."""
+        return bool(self._content) and not self._is_interactive and self._remaining.lacks_a_kind(self.status)
+
+    def learn_kinds(self) -> None:
+        """Learns the kinds of light that the bake lacks."""
+        try:
+            self._live.learn(self._remaining.note_kinds(self.status))
+        except (OSError, RuntimeError) as error:
+            self.warnings.append(f"The kind of light that was added is not learned: {error}")
+
+    def pause(self, paused: bool) -> None:
+        """Lets baking and training stand still; relighting goes on."""
+        self._live.pause(paused)
+
+    def cancel(self) -> None:
+        """Ends baking and training; what is there stays, relighting goes on."""
+        if self._task is not None:
+            self._task.cancel()
+        elif self.is_exporting:
+            self._exported(None, ExportCancelled("cancelled"), {})
+        self._live.cancel()
+
+    def close(self, wait_seconds: float = 0.0) -> None:
+        """Ends everything, without waiting unless told to. The folder stays whole."""
+        if self.is_open:
+            del _shots[self.scene_uid]
+        if self._task is not None:
+            self._task.cancel()
+        self._world.close()
+        self._live.close(wait_seconds=wait_seconds)
+        self.frame = self.frame_before = None
+
+
+def request_text(content: dict[str, Any], interactive: bool = False) -> str:
+    """The request of lights, as `SceneLights` describes them, under the gains of `core.rows.mix`."""
+    rest = {name: value for name, value in content.items() if name != "lights"}
+    lights = ", ".join(light.text for light in content["lights"])
+    return f'{{"lights": [{lights}], {json.dumps(rest | {"with": "auto", "interactive": interactive})[1:]}'
+
+
+def _view_layer(scene: bpy.types.Scene) -> str:
+    return bpy.context.view_layer.name if bpy.context.scene == scene else scene.view_layers[0].name
+
+
+def of(scene: bpy.types.Scene) -> Shot | None:
+    """The open shot of a scene."""
+    return _shots.get(scene.session_uid)
+
+
+def all_open() -> list[Shot]:
+    """All open shots."""
+    return list(_shots.values())
+
+
+def close_all(wait_seconds: float = 0.0) -> None:
+    """Closes every shot: before another file is opened, and when the add-on is disabled."""
+    for shot in all_open():
+        shot.close(wait_seconds)
+    worlds.forget()

@@ -1,0 +1,1 @@
+"""Solving: its jobs, paths and masks."""

@@ -1,0 +1,1 @@
+"""Staleness of a bake: fingerprints of the scene, and what has changed since."""

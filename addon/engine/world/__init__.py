@@ -1,0 +1,1 @@
+"""Worlds: reading, rendering by Cycles, and following changes."""

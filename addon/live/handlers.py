@@ -1,0 +1,164 @@
+"""Handlers of Blender's events: edits, undo, saving, loading, renders."""
+
+from __future__ import annotations
+
+import atexit
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..engine.reading.render_depsgraph import note_render_slot, remove_copies
+from ..engine.shot import shot as shots
+from ..engine.shot.options import preferences, remember_bake, remembered_bake
+from . import opening, rows
+from .scheduler import IDLE_SECONDS, scheduler
+
+EXIT_SECONDS = 5.0
+"""Seconds that Blender's exit waits for work to end."""
+OPEN_SECONDS = 0.1
+"""Seconds until the bakes of a file are opened: it should be on screen first."""
+
+
+@persistent
+def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Notices edits of the scene, of its lights and of their names."""
+    if rows.are_outdated(scene, depsgraph):
+        _sync_rows([scene])
+    shot = shots.of(scene)
+    if shot is None or depsgraph.mode != "VIEWPORT":
+        return
+    if scene.camera is not None:
+        shot.recognises(scene.camera)
+    lights = shot.lights.update(depsgraph, scheduler.read_seconds)
+    world = shot.changes.mark(scene, list(depsgraph.updates))
+    if lights or world:
+        scheduler.request_picture(scene, interactive=True)
+    scheduler.wake()
+
+
+def _sync_rows(scenes: list[bpy.types.Scene]) -> None:
+    """Makes rows follow their scenes, in a window in a tick of their own: lights are read in this one."""
+    rows.mark_outdated(scenes)
+    if bpy.app.background:
+        rows.sync_due()
+    else:
+        scheduler.wake()
+
+
+@persistent
+def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Notices that another frame is shown. Renders call this from a thread of their own."""
+    shot = shots.of(scene)
+    if shot is not None and not bpy.app.is_job_running("RENDER"):
+        shot.changes.mark_frame()
+        on_depsgraph_update(scene, depsgraph)
+
+
+@persistent
+def on_undo(*_arguments) -> None:
+    """Undo and redo may have changed anything, in every scene."""
+    _sync_rows(list(bpy.data.scenes))
+    scheduler.skip_exclusive()
+    remove_copies()
+    _remember_bakes()
+    for shot in shots.all_open():
+        shot.changes.mark_all()
+        shot.lights.forget()
+    if bpy.app.background:
+        read_forgotten()
+    else:  # As a rule an update comes before.
+        scheduler.defer(read_forgotten, IDLE_SECONDS)
+
+
+def read_forgotten() -> None:
+    """Reads lights anew where no update of their scene has had them read since undo, and asks for what has become of
+    the rows."""
+    # What no window shows is not evaluated again before it is shown; its old state may hold what undo has freed.
+    for scene in {window.scene for window in bpy.context.window_manager.windows}:
+        shot = shots.of(scene)
+        if shot is not None and shot.lights.is_forgotten:
+            scheduler.read_lights(scene)
+        elif shot is not None and not shot.lights.is_waiting:
+            scheduler.request_picture(scene)
+
+
+@persistent
+def on_save_pre(*_arguments) -> None:
+    """The file is about to be written."""
+    _remember_bakes()
+    for scene in bpy.data.scenes:
+        shot = shots.of(scene)
+        if shot is not None and scene.camera is not None and shot.recognises(scene.camera):
+            shot.keep_record()
+
+
+def _remember_bakes() -> None:
+    """Restores the locations of bakes, which must not go back with undo."""
+    for scene in bpy.data.scenes:
+        shot = shots.of(scene)
+        if shot is not None and shot.is_stored and remembered_bake(scene) != shot.folder:
+            remember_bake(scene, shot.folder)
+
+
+@persistent
+def on_load_pre(*_arguments) -> None:
+    """Closes all shots before another file is opened."""
+    scheduler.close_all()
+
+
+@persistent
+def on_load_post(*_arguments) -> None:
+    """A file was opened."""
+    rows.find_by_name()
+    on_load_post_fail()
+
+
+@persistent
+def on_load_post_fail(*_arguments) -> None:
+    """A file could not be opened, and the one before stays."""
+    chosen = preferences()
+    if not bpy.app.background and chosen is not None and chosen.open_bakes:
+        scheduler.defer(open_bakes, OPEN_SECONDS)
+
+
+def open_bakes() -> None:
+    """Opens every bake that the file remembers, or that was made in the background after it was closed."""
+    for scene in bpy.data.scenes:
+        if shots.of(scene) is None and opening.open_stored(scene):
+            scheduler.read_lights(scene)
+
+
+def _exit() -> None:
+    """Threads must not outlive the libraries that they use."""
+    scheduler.close_all(EXIT_SECONDS)
+
+
+HANDLERS = {
+    "depsgraph_update_post": on_depsgraph_update,
+    "frame_change_post": on_frame_change,
+    "undo_post": on_undo,
+    "redo_post": on_undo,
+    "save_pre": on_save_pre,
+    "load_pre": on_load_pre,
+    "load_post": on_load_post,
+    "load_post_fail": on_load_post_fail,
+    "render_init": note_render_slot,
+}
+
+
+def register() -> None:
+    """Adds the handlers."""
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(handler)
+    atexit.register(_exit)
+    if hasattr(bpy.data, "scenes"):  # Not while Blender itself starts; a file is opened then anyway.
+        rows.find_by_name()
+
+
+def unregister() -> None:
+    """Ends all work and removes the handlers."""
+    scheduler.close_all()
+    rows.forget()
+    atexit.unregister(_exit)
+    for name, handler in HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)

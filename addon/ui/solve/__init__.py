@@ -1,0 +1,1 @@
+"""Solving in the window: panels, operators, the scribble brush and their settings."""
