@@ -83,7 +83,7 @@ fn warn_if_unfinished(relighter: &Relighter, context: &Context) {
     }
 }
 
-/// Puts another world into its place, if one is asked for.
+/// Shows another world, if the command names one.
 fn change_world(relighter: &mut Relighter, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
     if args.world.is_none() && args.environment.is_none() {
         return Ok(());

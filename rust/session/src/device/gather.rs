@@ -135,7 +135,7 @@ impl DeviceGather {
         linear.map_or_else(|| Ok(soft.linearise(light, softness, cells)?), Ok)
     }
 
-    /// [`GpuGather::compare`] over layers times radiances; nothing where the CPU has to do it.
+    /// [`GpuGather::compare`] over layers times radiances; none if the CPU has to do it.
     pub fn compare(
         &self,
         soft: &SoftGather,

@@ -411,7 +411,7 @@ fn mistakes_are_told_in_words() {
         (r#"{"lights": [], "lamps": 1}"#.into(), "lamps"),
         (r#"{"lights": [], "world": [1, 1]}"#.into(), "length"),
         (r#"{"lights": [], "aov": "mist"}"#.into(), "mist"),
-        ("[".into(), "EOF"),
+        ("{".into(), "EOF"),
     ] {
         let message = LiveRequest::parse(&json).unwrap_err();
         assert!(message.contains(word), "{message}");

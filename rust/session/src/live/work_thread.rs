@@ -14,8 +14,9 @@ use crate::files::light_set::LightSet;
 use crate::files::names::GUIDED_FILE;
 use crate::files::proxies::Proxies;
 use crate::progress::{Cancel, Monitor};
+use crate::train::settings::{Clock, TrainSettings};
 use crate::train::sizes::sizes_with;
-use crate::train::{Clock, TrainSettings, train};
+use crate::train::train;
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
 use relume_scene::{Light, Scene};
@@ -325,7 +326,7 @@ impl WorkRun {
         train(&self.folder, &self.folder, &settings, false, compute, monitor).map(drop)
     }
 
-    /// The lights that are asked for, and those that the scene came with.
+    /// Lights of the newest request and of the scene.
     fn lights_in_use(&self) -> Result<Vec<Light>, SessionError> {
         let mut lights: Vec<Light> = LightSet::of_bake(&self.folder)?.lights;
         if let Some(request) = &self.shared.lock().request {

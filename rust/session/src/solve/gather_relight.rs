@@ -155,7 +155,7 @@ pub(super) struct GatherRelight<'a> {
     units: Mutex<LightCache<HalfUnits>>,
 }
 
-/// A dump, smoothed where it is.
+/// Dump on its device, and smoothed.
 struct SoftDump<'a>(&'a DeviceGather, SoftGather<'a>);
 
 impl<'a> SoftDump<'a> {

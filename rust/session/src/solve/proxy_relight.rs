@@ -15,7 +15,7 @@ use crate::files::proxies::Proxies;
 pub struct ProxyRelight<'a> {
     /// Trained proxies.
     pub proxies: &'a Proxies,
-    /// The kinds of the lights that move, each with its proxy on the GPU where it is there.
+    /// Kinds of the moving lights, each with its proxy on the GPU if there is one.
     pub kinds: Vec<(LightKind, Option<&'a GpuProxy>)>,
     /// Width and height of the picture.
     pub size: (usize, usize),

@@ -13,7 +13,8 @@ use crate::error::SessionError;
 use crate::files::light_set::LightSet;
 use crate::progress::Monitor;
 
-/// Differences of a part of the picture from which they are told: a fiftieth, what may change on average, and as little warmth.
+/// Least differences of a part of the picture that are reported: a fiftieth, what may change on average, and as little
+/// warmth.
 const TOLD_STOPS: f32 = 0.03;
 const TOLD_MIREDS: f32 = 5.0;
 
@@ -274,7 +275,7 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
     format!("Goal {}, {what}", number + 1)
 }
 
-/// Two words for what is told of a value: that it is missing, or that there is too much of it.
+/// Words for too little and too much of a value.
 type Sides = [&'static str; 2];
 
 /// Largest difference of a picture from its goal, such as "; most at the top left: 0.30 stops darker, 40 mireds
