@@ -12,11 +12,6 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 from code_map import addon_circles, imports_of  # noqa: E402
 
-# Circles that are still to be untied; none may be added.
-KNOWN_CIRCLES = [
-    [f"addon.export.materials.{name}" for name in ("closures", "coordinates", "exporter", "procedural", "values")],
-]
-
 
 def arrows_in_table():
     """Crate -> crates that it may use, from the table of ARCHITECTURE.md."""
@@ -85,7 +80,7 @@ def test_arrows_of_the_addon_point_down_the_list():
 
 def test_modules_of_the_addon_import_in_no_circle():
     modules, _ = addon_circles()
-    assert modules == KNOWN_CIRCLES
+    assert modules == []
 
 
 def test_core_needs_no_blender():
