@@ -12,8 +12,8 @@ import bpy
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
-from addon.engine import render_engine  # noqa: E402
 from addon.engine.reading.scene import load_scene  # noqa: E402
+from addon.engine.render import render_engine  # noqa: E402
 from helpers import add, add_light, add_quad, compositor  # noqa: E402
 
 BEFORE_5 = bpy.app.version < (5, 0, 0)

@@ -13,9 +13,9 @@ import relume
 import addon
 from addon.commands import run
 from addon.core.pass_names import light_passes
-from addon.engine import render_engine
 from addon.engine.reading.scene import load_scene
-from addon.engine.render_engine import ALBEDO_HERE
+from addon.engine.render import render_engine
+from addon.engine.render.render_engine import ALBEDO_HERE
 from addon.engine.shot import background
 from addon.engine.shot.options import remember_bake
 from addon.export.camera import film_border

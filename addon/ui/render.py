@@ -10,9 +10,9 @@ from bpy.props import BoolProperty, PointerProperty
 
 from ..core.pass_names import LONGEST, longest_in_file
 from ..core.rows import LIGHT
-from ..engine import render_engine
 from ..engine.reading import render_depsgraph
-from ..engine.render_engine import ENGINE, PassSettings
+from ..engine.render import render_engine
+from ..engine.render.render_engine import ENGINE, PassSettings
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_tree
 from ..export.lights import name_of

@@ -18,6 +18,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...export.camera import why_no_picture
+from ...export.left_out import WITHOUT_EFFECTS
 from ...export.stop import ExportCancelled, Stop
 from ...export.view_layer import render_layer
 
@@ -27,9 +28,6 @@ POLL_SECONDS = 0.01
 SWITCH_SECONDS = 0.0002
 """Longest time that Blender's window waits for Python while the work runs on another thread. Python's own 5 ms add up
 to a standstill, because every panel waits anew."""
-WITHOUT_EFFECTS = {"use_sequencer": False, "use_compositing": False, "use_freestyle": False}
-"""Render settings without what Blender does to a picture once it is rendered. Freestyle would crash where there is
-none, and file output nodes would write over the artist's files."""
 
 
 class RelumeExportEngine(bpy.types.RenderEngine):

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
+
 from .coordinates import texture_vector
 from .graph import IS_INLINED, Source, convert
 from .procedural import TEXTURES
