@@ -19,9 +19,10 @@ from addon.engine.cycles import reference as cycles_reference
 from addon.engine.cycles import verify
 from addon.engine.shot import background, shot
 from addon.engine.solve import solving
+from addon.live import comparison as comparing
 from addon.live.scheduler import scheduler
 from addon.ui import background as background_ui
-from addon.ui import compare, looks, mixer, preferences
+from addon.ui import looks, mixer, preferences
 from addon.ui import start as starting
 from addon.ui import verify as verifying
 from addon.ui.solve import locks, operators, regions, results, scribble_tool, target
@@ -188,7 +189,7 @@ def state(scene, folder):
             "selected": sorted(obj.name for obj in scene.objects if obj.select_get()),
             "active": bpy.context.view_layer.objects.active and bpy.context.view_layer.objects.active.name,
             "pair": pair and (pair.labels, np.array(pair.a.image).tolist(), pair.b is None),
-            "compares": compare.running(scene) is not None,
+            "compares": comparing.running(scene) is not None,
             "solves": solving.running(scene) is not None,
             "asked": [(live.arguments, live.calls, live.requests[-1:], live.state) for live in FakeLive.made],
             "shot": found and (str(found.folder), found.camera, repr(found.status)),
@@ -367,8 +368,8 @@ CASES = {
         lambda scene, folder: looks.import_file(scene, folder / "in.json"),
         {"filepath": "in.json"},
     ),
-    "compare_looks": (nothing, lambda scene, _: compare.start(scene, [looks.active_look(scene)]), {}),
-    "stop_comparing": (with_pair, lambda scene, _: compare.stop(scene), {}),
+    "compare_looks": (nothing, lambda scene, _: comparing.start(scene, [looks.active_look(scene)]), {}),
+    "stop_comparing": (with_pair, lambda scene, _: comparing.stop(scene), {}),
     "lock_group": (group, lambda scene, _: locks.toggle_group(scene, "Rig"), {"group": "Rig"}),
     "lock_all": (nothing, lambda scene, _: locks.toggle_all(scene, "position"), {"move": "position"}),
     "add_region": (nothing, lambda scene, _: regions.add_region(scene, "MASK"), {"kind": "MASK"}),
