@@ -79,8 +79,10 @@ def test_arrows_of_the_addon_point_down_the_list():
 
 
 def test_modules_of_the_addon_import_in_no_circle():
-    modules, _ = addon_circles()
+    modules, packages = addon_circles()
     assert modules == []
+    # A package and those inside of it are one.
+    assert [circle for circle in packages if not all(name.startswith(circle[0]) for name in circle)] == []
 
 
 def test_core_needs_no_blender():
