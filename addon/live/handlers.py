@@ -7,7 +7,7 @@ import atexit
 import bpy
 from bpy.app.handlers import persistent
 
-from ..engine.reading.render_depsgraph import note_render_slot, remove_copies
+from ..engine.reading.render_depsgraph import on_render_init, remove_copies
 from ..engine.shot import shot as shots
 from ..engine.shot.options import preferences, remember_bake, remembered_bake
 from . import opening, rows
@@ -142,7 +142,7 @@ HANDLERS = {
     "load_pre": on_load_pre,
     "load_post": on_load_post,
     "load_post_fail": on_load_post_fail,
-    "render_init": note_render_slot,
+    "render_init": on_render_init,
 }
 
 
