@@ -147,8 +147,10 @@ class Shot:
 
     def _exported(self, exported: Any, error: BaseException | None, settings: dict[str, Any]) -> None:
         task, self._task = self._task, None
-        if not self.is_open or (task is not None and task.is_displaced and not task.cancelled):
-            return  # After another render the scene is read again.
+        if not self.is_open:
+            return
+        if isinstance(error, ExportCancelled) and task is not None and task.is_displaced and not task.cancelled:
+            return  # The scene is read again after the other render.
         try:
             if error is not None:
                 raise error
