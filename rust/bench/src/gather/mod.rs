@@ -29,8 +29,8 @@ pub fn measure(megabytes: usize) -> Result<Vec<Figure>, DumpError> {
     let read = records / best_seconds(tiles, |tile| read_positions(gather.dump(), tile));
     let plain = read * POSITION_BYTES * 1e-9;
     let mut figures = vec![Figure::new("plain read of positions, 1 thread", plain, "GB/s")];
-    type Shape = fn(usize) -> LightShape;
-    let kinds = [("sphere", sphere as Shape), ("quad", quad), ("neighbouring sphere", neighbour)];
+    type LightMaker = fn(usize) -> LightShape;
+    let kinds = [("sphere", sphere as LightMaker), ("quad", quad), ("neighbouring sphere", neighbour)];
     for (kind, shape) in kinds {
         for count in [1, 16] {
             let lights: Vec<_> = (0..count).map(|index| light(shape(index))).collect();
