@@ -1,7 +1,7 @@
 use std::ops::Range;
 
 use relume_gpu::Buffer;
-use relume_gpu::compare::{Compared, Layers, Step, StepTargets, Units};
+use relume_gpu::compare::{CompareStep, Compared, Layers, StepTargets, UnitPictures};
 use relume_scene::{LANES, Light};
 
 use super::GpuGather;
@@ -123,14 +123,14 @@ impl<'a> Smoothed<'a> {
     }
 
     /// Values and derivatives at a part of the cells.
-    fn values(&self, step: &Step<'_>, part: &Range<usize>) -> Result<Buffer<Outputs>, GatherError> {
+    fn values(&self, step: &CompareStep<'_>, part: &Range<usize>) -> Result<Buffer<Outputs>, GatherError> {
         let cells = (&self.cells[part.clone()], step.cells(part.clone()));
         self.on_gpu.slopes(self.soft, &self.lights, cells)
     }
 
-    fn units<'b>(&'b self, values: &'b Buffer<Outputs>) -> Units<'b> {
+    fn units<'b>(&'b self, values: &'b Buffer<Outputs>) -> UnitPictures<'b> {
         let (radiances, values) = ((self.radiances.whole(), 1), (values.whole(), OUTPUTS));
-        Units { lights: self.lights.len(), radiances, first: 0, values, all: None }
+        UnitPictures { lights: self.lights.len(), radiances, first: 0, values, all: None }
     }
 }
 

@@ -1,7 +1,7 @@
 use std::sync::MutexGuard;
 
 use relume_gpu::Commands;
-use relume_gpu::compare::{Layers, Step, StepTargets, Units};
+use relume_gpu::compare::{CompareStep, Layers, StepTargets, UnitPictures};
 
 use super::gradient::LightGradient;
 use super::proxy::{GpuProxy, Shared, grow};
@@ -104,7 +104,7 @@ impl Group<'_> {
     }
 
     /// Appends what adds its lights to the picture.
-    fn add(&mut self, commands: &mut Commands<'_>, step: &Step<'_>) -> Result<(), ProxyError> {
+    fn add(&mut self, commands: &mut Commands<'_>, step: &CompareStep<'_>) -> Result<(), ProxyError> {
         let (proxy, shared, lights) = (self.proxy, &mut *self.shared, self.lights.len());
         for part in step.parts(proxy.batch(lights)) {
             grow(proxy.gpu(), &mut shared.units, 3 * part.len() * lights)?;
@@ -112,13 +112,18 @@ impl Group<'_> {
             proxy.add_units(commands, shared, lights, part.len())?;
             let radiances = (shared.lights.whole(), proxy.light_len() / 4);
             let values = (shared.units.whole(), 1);
-            step.add(commands, &Units { lights, radiances, first: 0, values, all: None }, part)?;
+            step.add(commands, &UnitPictures { lights, radiances, first: 0, values, all: None }, part)?;
         }
         Ok(())
     }
 
     /// Appends what adds its gradients to the values from `first` on.
-    fn pull(&mut self, commands: &mut Commands<'_>, step: &Step<'_>, first: usize) -> Result<(), ProxyError> {
+    fn pull(
+        &mut self,
+        commands: &mut Commands<'_>,
+        step: &CompareStep<'_>,
+        first: usize,
+    ) -> Result<(), ProxyError> {
         let (proxy, shared, lights) = (self.proxy, &mut *self.shared, self.lights.len());
         let parts = step.parts(proxy.batch(lights));
         for part in &parts {
