@@ -2,7 +2,7 @@ use glam::Vec3;
 use relume_dump::Lobe;
 
 use super::frame::{cosine_pdf, sample_cosine};
-use super::normal::{Reach, Sides, bump_shadowing};
+use super::normal::{Reach, SideNormals, bump_shadowing};
 use super::{AshikhminShirley, Interface, Microfacet, OrenNayar, Sheen};
 
 /// One way in which a surface scatters, and how much of it there is.
@@ -95,7 +95,7 @@ impl Closure {
     }
 
     /// Chooses a direction; nothing if it is on the wrong side of the surface.
-    pub fn sample(&self, sides: Sides, wo: Vec3, u: [f32; 3]) -> Option<ClosureSample> {
+    pub fn sample(&self, sides: SideNormals, wo: Vec3, u: [f32; 3]) -> Option<ClosureSample> {
         let (wi, lobe, singular) = match &self.scatter {
             Scatter::Microfacet(model) => return model.sample(wo, sides, u),
             Scatter::Transparent => {

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::distribution::{Distribution, Shape};
+use super::distribution::{MicrofacetDistribution, SlopeDistribution};
 use super::fresnel;
 
 /// Albedo of white single-scattering reflection: roughness x cosine.
@@ -149,9 +149,14 @@ impl<const D: usize> Table<D> {
 
 /// Means of `f` over the visible normals of an isotropic GGX surface; `f` gets the surface, the direction of view
 /// and the normal.
-fn mean_over_normals(rough: f32, mu: f32, samples: u32, f: impl Fn(&Distribution, Vec3, Vec3) -> f32) -> f32 {
+fn mean_over_normals(
+    rough: f32,
+    mu: f32,
+    samples: u32,
+    f: impl Fn(&MicrofacetDistribution, Vec3, Vec3) -> f32,
+) -> f32 {
     let alpha = rough * rough;
-    let surface = Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha };
+    let surface = MicrofacetDistribution { shape: SlopeDistribution::Ggx, alpha_x: alpha, alpha_y: alpha };
     let wo = Vec3::new((1.0 - mu * mu).max(0.0).sqrt(), 0.0, mu);
     let sum: f32 = (0..samples)
         .map(|i| {
@@ -164,7 +169,7 @@ fn mean_over_normals(rough: f32, mu: f32, samples: u32, f: impl Fn(&Distribution
 }
 
 /// Part of the light from `wo` that leaves the surface towards `wi` unshadowed, given that it met a facet there.
-fn unshadowed(surface: &Distribution, wo: Vec3, wi: Vec3) -> f32 {
+fn unshadowed(surface: &MicrofacetDistribution, wo: Vec3, wi: Vec3) -> f32 {
     let seen = 1.0 + surface.lambda(wo);
     seen / (seen + surface.lambda(wi))
 }

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 /// The normals that tell one side of a surface from the other, on the side of the ray that met it.
 #[derive(Clone, Copy, Debug)]
-pub struct Sides {
+pub struct SideNormals {
     /// The triangle's.
     pub geometric: Vec3,
     /// The interpolated one, before any bump.
@@ -21,7 +21,7 @@ pub enum Reach {
     Lights,
 }
 
-impl Sides {
+impl SideNormals {
     /// Reach of a direction that was chosen as reflection or as `transmission`; nothing if it is on the wrong side.
     pub fn reach(&self, wi: Vec3, transmission: bool) -> Option<Reach> {
         if (self.geometric.dot(wi) < 0.0) == transmission {
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn between_the_true_and_the_shading_surface_only_lights_count() {
-        let sides = Sides { geometric: Vec3::Z, shading: Vec3::new(0.6, 0.0, 0.8) };
+        let sides = SideNormals { geometric: Vec3::Z, shading: Vec3::new(0.6, 0.0, 0.8) };
         for (wi, reflected, transmitted) in [
             (Vec3::Z, Some(Reach::Path), None),
             (Vec3::NEG_Z, None, Some(Reach::Path)),

@@ -4,7 +4,7 @@ use relume_scene::MOST_RADIANCE;
 
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
-use super::{Interface, Reach, Sides};
+use super::{Interface, Reach, SideNormals};
 use crate::{guide::Horizon, shading::SurfacePoint};
 
 /// Most closures that one point keeps; further ones are dropped.
@@ -80,7 +80,7 @@ impl Caustics {
 pub struct Surface {
     closures: Vec<Closure>,
     wo: Vec3,
-    sides: Sides,
+    sides: SideNormals,
     emission: Vec3,
     transparency: Vec3,
     caustics: Caustics,
@@ -94,7 +94,7 @@ impl Default for Surface {
         Self {
             closures: Vec::with_capacity(MAX_CLOSURES),
             wo: Vec3::Z,
-            sides: Sides { geometric: Vec3::Z, shading: Vec3::Z },
+            sides: SideNormals { geometric: Vec3::Z, shading: Vec3::Z },
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
             caustics: Caustics::ALL,
@@ -114,7 +114,7 @@ impl Surface {
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
         self.wo = point.wo;
-        self.sides = Sides { geometric: point.geometric_normal, shading: point.shading_normal };
+        self.sides = SideNormals { geometric: point.geometric_normal, shading: point.shading_normal };
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
     }
