@@ -12,7 +12,7 @@ use super::distribution::MicrofacetDistribution;
 use super::energy;
 use super::frame::ShadingFrame;
 use super::fresnel::{self, F82};
-use super::normal::{Reach, SideNormals};
+use super::normal::{SampleReach, SideNormals};
 
 /// Side that light can leave to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -211,7 +211,7 @@ impl Microfacet {
         if is_smooth || (is_transmission && self.is_unbending()) {
             let value = part * self.energy_scale;
             let single = ClosureSample { wi: wi_world, value, pdf: probability, singular: true, lobe, reach };
-            return (reach == Reach::Path).then_some(single);
+            return (reach == SampleReach::Path).then_some(single);
         }
         let jacobian = if is_transmission {
             let cos_i = -h.dot(wi);

@@ -26,6 +26,6 @@ pub use energy::Compensation;
 pub use frame::ShadingFrame;
 pub use fresnel::{F82, dielectric, dielectric_mean, f0_from_ior, ior_from_f0};
 pub use microfacet::{Fresnel, Interface, Microfacet};
-pub use normal::{Reach, SideNormals, ensure_valid_reflection};
+pub use normal::{SampleReach, SideNormals, ensure_valid_reflection};
 pub use sheen::Sheen;
 pub use surface::{BsdfSample, Caustics, Surface, WEIGHT_CUTOFF};

@@ -4,7 +4,7 @@ use relume_scene::MOST_RADIANCE;
 
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
-use super::{Interface, Reach, SideNormals};
+use super::{Interface, SampleReach, SideNormals};
 use crate::{guide::Horizon, shading::SurfacePoint};
 
 /// Most closures that one point keeps; further ones are dropped.
@@ -35,7 +35,7 @@ pub struct BsdfSample {
     /// True if the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
     pub transparent: bool,
     /// True if `wi` is between the true and the shading surface: the ray then only lights the surface, see
-    /// [`Reach::Lights`].
+    /// [`SampleReach::Lights`].
     pub lights_only: bool,
 }
 
@@ -258,7 +258,7 @@ impl Surface {
             diffuse: closure.is_diffuse(),
             singular: choice.singular,
             transparent: matches!(closure.scatter, Scatter::Transparent),
-            lights_only: choice.reach == Reach::Lights,
+            lights_only: choice.reach == SampleReach::Lights,
         })
     }
 
@@ -302,7 +302,7 @@ impl Surface {
             diffuse: closure.is_diffuse(),
             singular: false,
             transparent: false,
-            lights_only: reach == Reach::Lights,
+            lights_only: reach == SampleReach::Lights,
         })
     }
 
