@@ -151,7 +151,7 @@ mod tests {
 
     use super::*;
     use crate::tests::kernels::{random_dump_of, random_lights};
-    use crate::{Gather, Linear};
+    use crate::{Gather, UnitValues};
 
     const EXPOSURE: f32 = 1.3;
     const STILL: [f32; 3] = [0.4, 0.3, 0.5];
@@ -177,7 +177,7 @@ mod tests {
     /// Equation 6 and its gradient from the values and slopes of the CPU.
     fn expected(
         lights: &[&Light],
-        linear: &[Linear],
+        linear: &[UnitValues],
         [base, still]: [&[[f32; 3]]; 2],
         targets: &StepTargets,
     ) -> SoftCompared {
@@ -186,7 +186,7 @@ mod tests {
         for (at, (cell, wanted)) in targets.cells.iter().zip(&targets.references).enumerate() {
             let (share, [base, still]) = (wanted[3], [base, still].map(|picture| picture[*cell as usize]));
             for c in 0..3 {
-                let of = |(light, linear): (&&Light, &Linear)| light.radiance[c] * linear.values[at][c];
+                let of = |(light, linear): (&&Light, &UnitValues)| light.radiance[c] * linear.values[at][c];
                 let lit = lights.iter().zip(linear).map(of).sum::<f32>();
                 let value = EXPOSURE * (base[c] + STILL[c] * still[c] + lit);
                 let difference = reinhard(value) - wanted[c];
@@ -237,7 +237,7 @@ mod tests {
             let goals = Goals { layers: &layers, radiances: &[STILL], targets: &targets };
             for lights in all.chunks(5) {
                 let lights: Vec<&Light> = lights.iter().collect();
-                let linear: Vec<Linear> =
+                let linear: Vec<UnitValues> =
                     lights.iter().map(|light| soft.linearise(light, 0.1, &cells).unwrap()).collect();
                 let expected = expected(&lights, &linear, [&base, &still], &targets);
                 let found = on_gpu.compare(&soft, &lights, 0.1, &goals).unwrap();

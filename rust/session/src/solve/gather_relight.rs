@@ -249,7 +249,7 @@ impl<'a> GatherRelight<'a> {
         light: &Light,
         softness: f32,
         cells: &[u32],
-    ) -> Result<relume_gather::Linear, SessionError> {
+    ) -> Result<relume_gather::UnitValues, SessionError> {
         self.go_on()?;
         let SoftDump(gather, soft) = self.soft(softness);
         gather.linearise(soft, (light, softness), cells, self.relighter.compute(), self.monitor)
