@@ -92,7 +92,7 @@ pub struct Layers {
 
 /// Pictures of lights for radiance 1 at some cells of a step: `shaders/common/units.wgsl`.
 #[derive(Clone, Copy, Debug)]
-pub struct UnitPictures<'a> {
+pub struct UnitBindings<'a> {
     /// Number of lights.
     pub lights: usize,
     /// Radiances, and the number of quads of each light, of which the last is its radiance.
@@ -247,13 +247,13 @@ impl CompareStep<'_> {
     }
 
     /// The layers, buffer by buffer.
-    fn layers(&self) -> impl Iterator<Item = UnitPictures<'_>> {
+    fn layers(&self) -> impl Iterator<Item = UnitBindings<'_>> {
         let all = self.layers.cells;
         self.layers.pictures.iter().scan(0, move |next, pictures| {
             let (first, lights) = (*next, pictures.len() / all);
             *next += lights;
             let (radiances, values) = ((self.radiances.whole(), 1), (pictures.whole(), 1));
-            Some(UnitPictures { lights, radiances, first, values, all: Some(all) })
+            Some(UnitBindings { lights, radiances, first, values, all: Some(all) })
         })
     }
 
@@ -264,7 +264,7 @@ impl CompareStep<'_> {
     pub fn add(
         &self,
         commands: &mut Commands<'_>,
-        units: &UnitPictures<'_>,
+        units: &UnitBindings<'_>,
         part: Range<usize>,
     ) -> Result<(), GpuError> {
         let kernel = self.layers.gpu.kernel("common/add_units", "add_units", &units.constants())?;
@@ -305,7 +305,7 @@ impl CompareStep<'_> {
     pub fn pull(
         &self,
         commands: &mut Commands<'_>,
-        units: &UnitPictures<'_>,
+        units: &UnitBindings<'_>,
         part: Range<usize>,
         first: usize,
     ) -> Result<(), GpuError> {
@@ -334,7 +334,7 @@ impl CompareStep<'_> {
     }
 }
 
-impl UnitPictures<'_> {
+impl UnitBindings<'_> {
     fn constants(&self) -> [(&'static str, u32); 3] {
         [
             ("LIGHT_QUADS", self.radiances.1 as u32),

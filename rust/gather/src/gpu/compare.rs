@@ -1,7 +1,7 @@
 use std::ops::Range;
 
 use relume_gpu::Buffer;
-use relume_gpu::compare::{CompareStep, Compared, Layers, StepTargets, UnitPictures};
+use relume_gpu::compare::{CompareStep, Compared, Layers, StepTargets, UnitBindings};
 use relume_scene::{LANES, Light};
 
 use super::GpuGather;
@@ -128,9 +128,9 @@ impl<'a> Smoothed<'a> {
         self.on_gpu.slopes(self.soft, &self.lights, cells)
     }
 
-    fn units<'b>(&'b self, values: &'b Buffer<Outputs>) -> UnitPictures<'b> {
+    fn units<'b>(&'b self, values: &'b Buffer<Outputs>) -> UnitBindings<'b> {
         let (radiances, values) = ((self.radiances.whole(), 1), (values.whole(), OUTPUTS));
-        UnitPictures { lights: self.lights.len(), radiances, first: 0, values, all: None }
+        UnitBindings { lights: self.lights.len(), radiances, first: 0, values, all: None }
     }
 }
 

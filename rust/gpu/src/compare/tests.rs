@@ -173,7 +173,7 @@ fn lights_in_parts_are_those_of_layers() {
         gpu.buffer_of("units", &[of(&a, &b), of(&b, &a)].concat()).unwrap()
     };
     let values: Vec<Buffer<[f32; 3]>> = parts.iter().map(|part| outputs(part.clone())).collect();
-    let units = |number: usize| UnitPictures {
+    let units = |number: usize| UnitBindings {
         lights: 2,
         radiances: (quads.whole(), 2),
         first: 1,

@@ -1,7 +1,7 @@
 use std::sync::MutexGuard;
 
 use relume_gpu::Commands;
-use relume_gpu::compare::{CompareStep, Layers, StepTargets, UnitPictures};
+use relume_gpu::compare::{CompareStep, Layers, StepTargets, UnitBindings};
 
 use super::gradient::LightGradient;
 use super::proxy::{GpuProxy, SharedBuffers, grow};
@@ -112,7 +112,7 @@ impl ProxyLights<'_> {
             proxy.add_units(commands, shared, lights, part.len())?;
             let radiances = (shared.lights.whole(), proxy.light_len() / 4);
             let values = (shared.units.whole(), 1);
-            step.add(commands, &UnitPictures { lights, radiances, first: 0, values, all: None }, part)?;
+            step.add(commands, &UnitBindings { lights, radiances, first: 0, values, all: None }, part)?;
         }
         Ok(())
     }
