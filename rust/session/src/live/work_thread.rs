@@ -29,7 +29,7 @@ use std::sync::Arc;
 const SAMPLES_TO_TRAIN: u32 = 64;
 
 /// First task of the work thread; training follows.
-pub(super) enum Work {
+pub(super) enum LiveTask {
     /// Bakes a scene. `anew` also replaces a whole bake that is not guided towards the present lights.
     Bake { scene: Arc<Scene>, settings: TraceSettings, anew: bool },
     /// Opens the bake that the folder holds.
@@ -38,7 +38,7 @@ pub(super) enum Work {
     Learn,
 }
 
-impl Work {
+impl LiveTask {
     /// The state that it begins in.
     pub fn first_state(&self) -> LiveState {
         match self {
@@ -50,7 +50,7 @@ impl Work {
 
 /// One run of the work thread.
 pub(super) struct WorkRun {
-    pub work: Work,
+    pub work: LiveTask,
     pub train_seconds: f64,
     pub folder: PathBuf,
     pub options: LiveOptions,
@@ -81,17 +81,17 @@ impl WorkRun {
         let gate = Gate { shared: self.shared.clone(), cancel: self.cancel.clone() };
         let monitor = Monitor::new(Arc::new(gate), self.cancel.clone());
         match &self.work {
-            Work::Bake { scene, settings, anew } => {
+            LiveTask::Bake { scene, settings, anew } => {
                 if *anew && self.should_retrace(scene, settings)? {
                     clear_paths(&self.folder)?;
                 }
                 self.bake(scene, settings, &monitor)
             }
-            Work::Open => {
+            LiveTask::Open => {
                 let complete = self.open()?;
                 if complete { self.learn(&monitor) } else { Ok(()) }
             }
-            Work::Learn => self.learn(&monitor),
+            LiveTask::Learn => self.learn(&monitor),
         }
     }
 

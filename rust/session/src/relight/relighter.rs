@@ -18,7 +18,7 @@ use crate::relight::notes::LightNotes;
 use crate::relight::relit::{Relit, RelitLight};
 use crate::relight::source::{Method, UnitSource, camera_only};
 use crate::relight::statics::StaticLayer;
-use crate::relight::units::{GROUP, Unit, Units};
+use crate::relight::units::{GROUP, UnitCache, UnitImages};
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{Environment, Gather, SampleSplit};
 use relume_image::{Image, ViewTransform};
@@ -54,7 +54,7 @@ pub struct Relighter {
     proxies: DeviceProxies,
     denoise: Denoise,
     compute: Compute,
-    units: Mutex<Units>,
+    units: Mutex<UnitCache>,
     /// Static light and world.
     statics: Mutex<[StaticLayer; 2]>,
     /// The world that is shown; none without a dump.
@@ -392,7 +392,7 @@ impl Relighter {
         Ok(images)
     }
 
-    fn cache(&self, light: &Light, change: impl FnOnce(&mut Unit)) {
+    fn cache(&self, light: &Light, change: impl FnOnce(&mut UnitImages)) {
         let mut units = self.units();
         change(units.of(light));
         units.trim(std::slice::from_ref(light));
@@ -442,7 +442,7 @@ impl Relighter {
         })
     }
 
-    fn units(&self) -> MutexGuard<'_, Units> {
+    fn units(&self) -> MutexGuard<'_, UnitCache> {
         self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

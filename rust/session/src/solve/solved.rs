@@ -276,14 +276,14 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
 }
 
 /// Words for too little and too much of a value.
-type Sides = [&'static str; 2];
+type SideWords = [&'static str; 2];
 
 /// Largest difference of a picture from its goal, such as "; most at the top left: 0.30 stops darker, 40 mireds
 /// warmer". Empty if nobody would see it. The sides are words for light, warmth and green.
-fn largest_difference(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -> String {
+fn largest_difference(begin: &str, worst: Option<Worst>, [light, warmth, green]: [SideWords; 3]) -> String {
     let Some(worst) = worst else { return String::new() };
-    let side = |off: f32, [missing, too_much]: Sides| if off > 0.0 { missing } else { too_much };
-    let stops = |off: f32, sides: Sides| {
+    let side = |off: f32, [missing, too_much]: SideWords| if off > 0.0 { missing } else { too_much };
+    let stops = |off: f32, sides: SideWords| {
         (off.abs() > TOLD_STOPS).then(|| format!("{:.2} stops {}", off.abs(), side(off, sides)))
     };
     let mireds = (worst.mireds.abs() > TOLD_MIREDS)
