@@ -203,7 +203,7 @@ def test_warnings_are_grouped_by_what_they_say(lit, drawn):
         f"light 'Lamp 40', and likewise 'Lamp 7', 'Lamp 190' and 'Lamp 12': {few.format('7 to 190')}"
     )
     words = drawn(lit).words
-    assert f"4 lights: {few.format(40)}" in words and words[-1] == "the file is old"
+    assert f"4 lights, each: {few.format('7 to 190')}" in words and words[-1] == "the file is old"
 
 
 def tracing(samples, total, seconds_each):

@@ -215,7 +215,7 @@ KINDS = [
     (["the file is old"], [("the file is old", ())]),
     (
         ["image 'a.png' is missing", "image 'b.png' is missing", "image 'a.png' is missing"],
-        [("2 images: is missing", ("a.png", "b.png"))],
+        [("2 images are missing", ("a.png", "b.png"))],
     ),
     (
         [

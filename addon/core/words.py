@@ -15,6 +15,8 @@ OWNER = re.compile(r"(?P<kind>[a-z][a-z ]*?) '.+?'(?:, [a-z]+ '.+?')?(?=: |, | [
 QUOTED = re.compile(r" ?'([^']*)'")
 QUOTED_OR_NUMBER = re.compile(r"'[^']*'|(?<= )\d+(?:\.\d+)?(?= |$)")
 
+PLURAL_VERBS = {"is": "are", "has": "have"}
+
 
 def listed(names: Sequence[str]) -> str:
     """List of names, for example `'Key', 'Rim' and 'Fill'`; a long one is cut and says how many more there are."""
@@ -88,11 +90,20 @@ def by_kind(warnings: tuple[str, ...]) -> tuple[Kind, ...]:
 
 
 def _kind(warnings: list[str]) -> Kind:
-    owner = OWNER.fullmatch(warnings[0])
-    if len(warnings) == 1 or owner is None:
+    owners = [owner for owner in map(OWNER.fullmatch, warnings) if owner]
+    if len(warnings) == 1 or len(owners) < len(warnings):
         return Kind(warnings[0], tuple(map(_names, warnings[1:])))
-    said = QUOTED.sub("", owner["said"]).strip()
-    return Kind(f"{len(warnings)} {_plural(owner['kind'])}: {said}", tuple(map(_names, warnings)))
+    said = _with_ranges([QUOTED.sub("", owner["said"]).strip() for owner in owners])
+    title = _of_many(f"{len(warnings)} {_plural(owners[0]['kind'])}", said)
+    return Kind(title, tuple(map(_names, warnings)))
+
+
+def _of_many(many: str, said: str) -> str:
+    """Sentence about several things from what is said of one."""
+    verb, _, rest = said.partition(" ")
+    if verb in PLURAL_VERBS:
+        return f"{many} {PLURAL_VERBS[verb]} {rest}"
+    return f"{many}, each: {said}" if verb == "its" else f"{many}: {said}"
 
 
 def _names(warning: str) -> str:

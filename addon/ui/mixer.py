@@ -23,10 +23,14 @@ from .solve import locks
 
 WIDE = 340
 """Width of the sidebar, in pixels of an unscaled screen, from which on rows show the type of their light."""
-INDENT = 0.6
+INDENT = 0.4
 """Indent of a row for each collection around it, in the spaces of Blender's layouts."""
-FOLD = 1.2
+FOLD = 0.5
 """Indent for the triangle that a light does not have, which its collection has."""
+EDGES = 85
+"""Pixels of the sidebar beside the rows of a list that scrolls, at a scale of 1."""
+FIGURES = 77
+"""Pixels for exposure, colour and lock, at a scale of 1. A row alone would shrink the exposure below its digits."""
 
 
 def apply_to_lights(scene: bpy.types.Scene) -> None:
@@ -187,25 +191,30 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
 
     def draw_item(self, context, layout, data, row, _icon, _active_data, _active_property):
         """Called by Blender for the rows in sight only."""
-        line = layout.row(align=True)
+        width = context.region.width / (context.preferences.system.ui_scale or 1.0)
+        split = layout.split(factor=max(1.0 - FIGURES / max(width - EDGES, FIGURES), 0.5), align=True)
+        line = split.row(align=True)
+        # Switches stand in columns: between indent and name they would hide which row is inside of which.
+        cell = _cell(line, 0.8)
+        if is_hidden(context.scene, row):
+            cell.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
+        else:
+            cell.prop(row, "on", text="")
+        _cell(line, 0.7).prop(row, "solo", text="S", toggle=True)
         if row.depth and data.grouped:
             line.separator(factor=INDENT * row.depth + (0.0 if row.kind == GROUP else FOLD))
         if row.kind == GROUP:
             icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
-            line.prop(row, "open", text="", icon=icon, emboss=False)
-        if is_hidden(context.scene, row):
-            line.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
-        else:
-            line.prop(row, "on", text="")
-        _cell(line, 0.8).prop(row, "solo", text="S", toggle=True)
-        wide = context.region.width > WIDE * context.preferences.system.ui_scale
-        line.label(text=row.name, icon=row.icon if wide else "NONE")
+            _cell(line, 0.7).prop(row, "open", text="", icon=icon, emboss=False)
+        line.label(text=row.name, icon=row.icon if width > WIDE else "NONE")
         # What is set in the details alone would otherwise not be seen.
         if row.multiplier != 1.0 or row.use_kelvin:
-            line.label(text="", icon="DOT")
-        _cell(line, 1.9).prop(row, "exposure", text="")
-        _cell(line, 0.6).prop(row, "color", text="")
-        locks.draw_lock(line, context.scene, row)
+            _cell(line, 0.5).label(text="", icon="DOT")
+        line = split.row(align=True)
+        # The edges of a number's field would take the place of its digits.
+        line.prop(row, "exposure", text="", emboss=False)
+        _cell(line, 0.5).prop(row, "color", text="")
+        locks.draw_lock(_cell(line, 0.7), context.scene, row)
 
     def filter_items(self, _context, data, _property):
         """Called by Blender: which rows are shown, and in which order."""

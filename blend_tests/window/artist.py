@@ -12,7 +12,7 @@ from driver import ADDON
 
 FIRST_PICTURE_SECONDS = 120
 WORK_SECONDS = 600
-EXPOSURE_ACROSS = 0.62
+EXPOSURE_ACROSS = 0.63
 """Where the fields of exposure are in the width of the side bar."""
 SWITCHES = ["show_gizmo", "show_region_ui", "show_region_toolbar", "show_region_header", "show_region_tool_header"]
 
@@ -184,8 +184,7 @@ class Artist:
 
     def row_button(self, name, what):
         """Path and place in the side bar's width of what a row of the list has: "on", "solo" or "exposure"."""
-        left = {"on": 0.1, "solo": 0.18}.get(what)
-        across = EXPOSURE_ACROSS if left is None else left + 0.05 * self.row(name).depth
+        across = {"on": 0.12, "solo": 0.165, "exposure": EXPOSURE_ACROSS}[what]
         return f"relume_mix.rows[{self.scene.relume_mix.rows.find(name)}].{what}", across
 
     def set_exposure(self, name, stops):
