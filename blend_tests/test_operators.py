@@ -50,19 +50,19 @@ class FakeWorker:
         FakeWorker.made.append(self)
 
     def events(self):
-        """As Worker.events."""
+        """Stands in for `Worker.events`."""
         return []
 
     def stop(self):
-        """As Worker.stop."""
+        """Stands in for `Worker.stop`."""
         self.ending = "stopped"
 
     def kill(self):
-        """As Worker.kill."""
+        """Stands in for `Worker.kill`."""
         self.ending = "killed"
 
     def end(self, clean_up):
-        """As Worker.end."""
+        """Stands in for `Worker.end`."""
         self.kill()
         clean_up()
 
@@ -75,12 +75,12 @@ class FakeLook:
 
     @property
     def done(self):
-        """As Job.done."""
+        """Stands in for `Job.done`."""
         self.looks += 1
         return self.looks > 2
 
     def result(self):
-        """As Job.result."""
+        """Stands in for `Job.result`."""
         return {"devices": [{"name": "Card", "pci_bus_id": "1"}]}
 
 
@@ -212,7 +212,7 @@ def target_pixels(scene):
 
 
 def verification(scene):
-    """What Cycles is to render and to compare with, and what came of it."""
+    """Job for Cycles, the picture to compare with, and the outcome."""
     found = verify.of(scene)
     if found is None:
         return None
@@ -307,7 +307,7 @@ def verified(scene):
 
 
 def ended(work):
-    """What comes of something that is waited for."""
+    """Runs work to its end."""
     while next(work, rest) is not rest:
         time.sleep(0.01)
 
@@ -403,7 +403,7 @@ CASES = {
     "count_cache": (nothing, lambda _scene, _: preferences.begin(preferences.count_cache()), {}),
     "clean_cache": (nothing, lambda _scene, _: preferences.begin(preferences.clean_cache()), {}),
 }
-"""Of each operator: what comes before, its function, and its own settings. Names of files are in the test's folder."""
+"""Preparation, function and own settings of each operator. Names of files are in the test's folder."""
 
 
 def call(scene, work):
@@ -411,7 +411,7 @@ def call(scene, work):
 
 
 AROUND = {"solve": solve_to_the_end}
-"""What must go on while a function does its work."""
+"""Generators that must go on while a function does its work."""
 OF_THE_WINDOW = {"look_through_camera", "pick_brush"}
 
 

@@ -1,4 +1,4 @@
-"""What is verified or kept is the picture of the present lights and rows, never an older one nor that of a look."""
+"""Verifying and keeping take the picture of the present lights and rows, never an older one nor that of a look."""
 
 import json
 

@@ -76,7 +76,7 @@ def shards(folder):
 
 
 def relit(scene, tmp_path, lights=None):
-    """What `relume relight` computes for the lights of the open file."""
+    """Pictures that `relume relight` computes for lights, by default those of the open file."""
     return relume.Relighter(tmp_path / "bake").relight(lights or load_scene(scene).lights())
 
 

@@ -44,7 +44,7 @@ def asked(monkeypatch):
 
 
 def notes(scene):
-    """What the result says besides its goals."""
+    """Notes of the result."""
     return json.loads(scene.relume_solve.report)["notes"]
 
 

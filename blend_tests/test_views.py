@@ -1,4 +1,4 @@
-"""What a 3D view shows: pictures, a hint, or nothing; and what the handlers do around it."""
+"""Content of a 3D view: pictures, a hint, or nothing; and what the handlers do around it."""
 
 from dataclasses import replace
 from types import SimpleNamespace

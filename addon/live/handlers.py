@@ -73,7 +73,8 @@ def on_undo(*_arguments) -> None:
 def read_forgotten() -> None:
     """Reads lights anew where no update of their scene has had them read since undo, and asks for what has become of
     the rows."""
-    # What no window shows is not evaluated again before it is shown; its old state may hold what undo has freed.
+    # A scene that no window shows is not evaluated again before it is shown; its old state may hold data that undo has
+    # freed.
     for scene in {window.scene for window in bpy.context.window_manager.windows}:
         shot = shots.of(scene)
         if shot is not None and shot.lights.is_forgotten:

@@ -64,8 +64,8 @@ def reset(scene: bpy.types.Scene, neutral_rows: Iterable[RelumeRow] | None = Non
 
 
 def is_hidden(scene: bpy.types.Scene, row: RelumeRow) -> bool:
-    """Whether a light gives no light because it is hidden, itself or by what it is in. Nodes and particles show a
-    hidden one all the same, unless they only read it, such as its place: as long as nobody knows, they may."""
+    """True if a light gives no light because it is hidden, itself or by whatever holds it. Nodes and particles
+    show a hidden one all the same, unless they only read it, such as its place: as long as nobody knows, they may."""
     if row.kind != LIGHT:
         return False
     found = shot.of(scene)
@@ -207,7 +207,7 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
             icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
             _cell(line, 0.7).prop(row, "open", text="", icon=icon, emboss=False)
         line.label(text=row.name, icon=row.icon if width > WIDE else "NONE")
-        # What is set in the details alone would otherwise not be seen.
+        # A dot, as values that are set in the details alone would otherwise not be seen.
         if row.multiplier != 1.0 or row.use_kelvin:
             _cell(line, 0.5).label(text="", icon="DOT")
         line = split.row(align=True)

@@ -90,7 +90,7 @@ def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSet
 
 
 class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
-    """What a final render has besides the picture"""
+    """Passes of a final render besides the picture"""
 
     bl_idname = "RELUME_PT_passes"
     bl_label = "Passes"
