@@ -52,7 +52,7 @@ def native_module():
 
 
 def arguments():
-    """What follows `--`."""
+    """Words of the command line that follow `--`."""
     if "--" in sys.argv:
         return sys.argv[sys.argv.index("--") + 1 :]
     words = [] if bpy.app.binary_path else [word for word in sys.argv[1:] if not word.endswith(".blend")]

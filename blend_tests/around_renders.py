@@ -12,8 +12,8 @@ import bpy
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
-from addon.engine import render_engine  # noqa: E402
 from addon.engine.reading.scene import load_scene  # noqa: E402
+from addon.engine.render import render_engine  # noqa: E402
 from helpers import add, add_light, add_quad, compositor  # noqa: E402
 
 BEFORE_5 = bpy.app.version < (5, 0, 0)
@@ -158,7 +158,7 @@ def main():
 
 
 def read(set_up, folder):
-    """What reading a scene leaves of it."""
+    """Changes that reading a scene leaves behind."""
     scene = new_scene(folder)
     set_up(scene, folder)
     before = state(scene)
@@ -168,7 +168,7 @@ def read(set_up, folder):
 
 
 def render_while_disabled(folder):
-    """What a final render with lines leaves when the add-on goes away meanwhile."""
+    """Remains of a final render with lines when the add-on goes away meanwhile."""
     import addon
 
     addon.register()

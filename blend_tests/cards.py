@@ -11,7 +11,7 @@ from addon.export import trace_settings
 from helpers import add_light, add_material, add_quad, render_cycles
 
 PIXELS = 8
-"""Of a card's side."""
+"""Pixels along a card's side."""
 
 
 class Cards:
@@ -50,7 +50,7 @@ class Cards:
         tree.links.new(socket, output.inputs["Surface"])
 
     def means(self, tmp_path, samples=16):
-        """Of each card by its name, the mean colour in Relume's and in Cycles' picture, lit by the scene's lights, and
+        """Mean colours of each card by its name, in Relume's and in Cycles' picture under the scene's lights; and
         Relume's warnings."""
         self._look()
         scene = load_scene(self.scene)

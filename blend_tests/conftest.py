@@ -53,7 +53,7 @@ def registered(scene, fake_native):
 
 @pytest.fixture
 def registered_for_all_files(scene, fake_native):
-    """The same without preferences: factory settings, which tests open as another file, do not disable it."""
+    """The add-on without preferences: factory settings, which tests open as another file, do not disable it."""
     import addon
 
     addon.register()

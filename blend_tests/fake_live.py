@@ -22,7 +22,7 @@ class FakeRequest:
 
     @classmethod
     def parse(cls, text):
-        """As Request.parse."""
+        """Stands in for `Request.parse`."""
         request = cls([])
         request.content = json.loads(text)
         return request
@@ -57,48 +57,48 @@ class FakeLive:
         self.state["shown"] = shown | summary
 
     def bake(self, scene, settings, *, train_seconds=60.0, anew=False):
-        """As Live.bake."""
+        """Stands in for `Live.bake`."""
         self.calls.append(("bake", settings, train_seconds, *["anew"] * anew))
         self.tell(state="baking", samples_total=settings["samples"])
 
     def open(self, *, train_seconds=0.0):
-        """As Live.open."""
+        """Stands in for `Live.open`."""
         self.calls.append(("open", train_seconds))
         self.tell(state="ready", samples=4, samples_total=4)
 
     def learn(self, train_seconds):
-        """As Live.learn."""
+        """Stands in for `Live.learn`."""
         self.calls.append(("learn", train_seconds))
         self.tell(state="training")
 
     def relight(self, request):
-        """As Live.relight."""
+        """Stands in for `Live.relight`."""
         self.requests.append(request.content)
         return len(self.requests)
 
     def show_world(self, world, request):
-        """As Live.show_world."""
+        """Stands in for `Live.show_world`."""
         self.calls.append(("show_world", world.map))
         self.tell(world_map=world.map, world_color=list(world.color))
         return self.relight(request)
 
     def frame(self, newer_than=0):
-        """As Live.frame."""
+        """Stands in for `Live.frame`."""
         return self.newest if self.newest is not None and self.newest.serial > newer_than else None
 
     def status(self):
-        """As Live.status."""
+        """Stands in for `Live.status`."""
         return relume.LiveStatus(**self.state)
 
     def pause(self, paused):
-        """As Live.pause."""
+        """Stands in for `Live.pause`."""
         self.tell(paused=paused)
 
     def cancel(self):
-        """As Live.cancel."""
+        """Stands in for `Live.cancel`."""
         self.tell(state="cancelled", stage=None)
 
     def close(self, *, wait_seconds=0.0):
-        """As Live.close."""
+        """Stands in for `Live.close`."""
         self.calls.append(("close",))
         self.tell(state="empty")

@@ -17,19 +17,19 @@ class FakeJob:
         FakeJob.made.append(self)
 
     def progress(self):
-        """As Job.progress."""
+        """Stands in for `Job.progress`."""
         return self.reports.pop(0) if self.reports else None
 
     def preview(self):
-        """As Job.preview."""
+        """Stands in for `Job.preview`."""
         return self.previews.pop(0) if self.previews else None
 
     def cancel(self):
-        """As Job.cancel."""
+        """Stands in for `Job.cancel`."""
         self.is_cancelled = self.done = True
 
     def result(self):
-        """As Job.result."""
+        """Stands in for `Job.result`."""
         if self._error:
             raise relume.RelumeError(self._error)
         return self._answer

@@ -145,7 +145,7 @@ def render_cycles(scene, samples=64, **settings):
 
 
 def update():
-    """What Blender does after every change: evaluates the scene, which calls the handlers."""
+    """Evaluates the scene, as Blender does after every change; this calls the handlers."""
     bpy.context.view_layer.update()
 
 
@@ -168,12 +168,12 @@ def until(scene, condition, what):
 
 
 def settled(found):
-    """Whether the newest request has its full picture and nothing goes on."""
+    """True if the newest request has its full picture and nothing goes on."""
     return not found.is_busy and not scheduler.settling and found.frame is not None and found.frame.scale == 1
 
 
 def said(scene):
-    """What has changed since the bake, in sentences, after everything was looked at."""
+    """Changes since the bake, in sentences, after everything was looked at."""
     update()
     found = shot.of(scene)
     for _ in range(1000):

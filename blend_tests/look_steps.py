@@ -1,4 +1,4 @@
-"""What tests of looks do to a scene and ask of it."""
+"""Steps that tests of looks share."""
 
 import numpy as np
 

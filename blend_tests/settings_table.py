@@ -1,4 +1,4 @@
-"""What becomes of each property of Blender that could change a picture. A test walks the properties of the running
+"""Decisions on each property of Blender that could change a picture. A test walks the properties of the running
 Blender and asks for a decision on each.
 
 By structure: by what becomes of them, names of properties, which may end in `*`. READ: they are exported. NAMED: what

@@ -1,4 +1,4 @@
-"""What tests of solving do: begin, go on, and end with a solver that answers what the test says."""
+"""Steps that tests of solving share: begin, go on, and end with a solver that answers what the test says."""
 
 import time
 

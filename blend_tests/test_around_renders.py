@@ -1,4 +1,4 @@
-"""What Blender does around a render must not reach a scene that is read: in a Blender of its own, which may crash."""
+"""Steps of Blender around a render must not reach a scene that is read: in a Blender of its own, which may crash."""
 
 import json
 import subprocess
@@ -18,7 +18,7 @@ SCRIPT = Path(__file__).with_name("around_renders.py")
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
-    """What the script told of each case, and how it ended."""
+    """Lines of the script on each case, and its exit status with its last errors."""
     command = [sys.executable, SCRIPT, tmp_path_factory.mktemp("around")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=200)
     lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]

@@ -47,7 +47,7 @@ def no_training(monkeypatch):
 
 
 def train_for(seconds, monkeypatch):
-    """As the preferences say it."""
+    """Sets how long the preferences have it train."""
     plain = background.options_of
     monkeypatch.setattr(
         background, "options_of", lambda scene: dataclasses.replace(plain(scene), train_seconds=seconds)

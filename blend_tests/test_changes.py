@@ -1,4 +1,4 @@
-"""What became of a scene since its bake is noticed, in words, and outlives saving and opening."""
+"""Changes of a scene since its bake are noticed, in words, and outlive saving and opening."""
 
 import json
 import time

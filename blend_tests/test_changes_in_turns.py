@@ -1,4 +1,4 @@
-"""What has changed since the bake is looked at a moment at a time."""
+"""Changes since the bake are looked for a moment at a time."""
 
 import math
 from types import SimpleNamespace

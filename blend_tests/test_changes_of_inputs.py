@@ -1,4 +1,4 @@
-"""What geometry is computed from, and no render shows itself, is noticed where it changes after the bake."""
+"""Inputs of geometry, which no render shows themselves, are noticed where they change after the bake."""
 
 import bpy
 import pytest
@@ -13,7 +13,7 @@ from helpers import add, add_material, add_quad, said, update
 
 
 def hidden(obj):
-    """The same, left out of renders."""
+    """Leaves an object out of renders; the object."""
     obj.hide_render = True
     return obj
 

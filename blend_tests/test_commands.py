@@ -89,7 +89,7 @@ def test_resume_of_a_complete_bake_changes_nothing(shot, tmp_path):
 
 
 def manifest(bake):
-    """What a bake says of itself."""
+    """Manifest of a bake."""
     return json.loads((bake / "manifest.json").read_text())
 
 

@@ -1,4 +1,4 @@
-"""What objects have besides their own geometry: components of geometry nodes, and hair. All of it is drawn or named."""
+"""Components of objects besides their own geometry, of geometry nodes and hair: all are drawn or named."""
 
 import bpy
 import pytest

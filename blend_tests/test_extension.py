@@ -31,7 +31,7 @@ def main(zip_path, out):
     import relume
     assert "extensions" in relume.__file__, relume.__file__
     assert len(addon._registered) == 1
-    # What `blender --command relume` calls.
+    # The function that `blender --command relume` calls.
     code = addon._run_command(["bake", "--out", out, "--samples", "2", "--resolution", "16x9", "--quiet"])
     for switch in ("disable", "enable", "disable", "enable"):
         getattr(bpy.ops.preferences, f"addon_{switch}")(module=addon.__name__)

@@ -17,7 +17,7 @@ from addon.ui.start import open_bake, start
 from helpers import SECONDS, settled, until, update
 
 PROXY = "proxy_facing-disk.safetensors"
-"""Of the light of these tests."""
+"""Proxy of the light of these tests."""
 BLOCK = 4096
 
 

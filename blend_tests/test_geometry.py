@@ -33,7 +33,7 @@ def add_ball(scene, name="Ball"):
 
 
 def copied(collection, field, width, of=np.float32):
-    """What Blender's own copying gives."""
+    """Values as Blender's own copying gives them."""
     values = np.empty(len(collection) * width, of)
     collection.foreach_get(field, values)
     return values

@@ -317,7 +317,7 @@ def test_the_live_picture_has_the_lights_of_renders(scene, live, way):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_renders_have_them(scene, way):
-    """What the other test compares with is what Cycles does."""
+    """Cycles does what the other test compares with."""
     add_quad(scene)
     number = way(scene)
     assert (render_cycles(scene, samples=4).max() > 0.0) == (number > 0)

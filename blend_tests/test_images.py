@@ -63,7 +63,7 @@ def save(scene, tmp_path):
 
 
 def exported(image):
-    """Whether the file was read without Blender, empty if that was not tried; and what was warned of."""
+    """Files by whether they were read without Blender, empty if that was not tried; and warnings."""
     recorder = Recorder()
     material, tree, _ = add_material("User")
     ImageExporter(recorder, 1).number(image, "test", tree.nodes.new("ShaderNodeTexImage").image_user)
@@ -72,7 +72,7 @@ def exported(image):
 
 
 def texels(image):
-    """Of the image as a scene with it on a quad has it."""
+    """Texels of an image, from a scene with it on a quad."""
     material, tree, output = add_material("Painted")
     texture, diffuse = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "BsdfDiffuse"))
     texture.image = image

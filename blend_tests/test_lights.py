@@ -28,7 +28,7 @@ CASES = {
 
 
 def irradiance_over_pi(light):
-    """Of an unoccluded light right above the origin, by the shapes' closed forms (all aligned with z)."""
+    """Irradiance over pi of an unoccluded light right above the origin, by closed forms of the shapes, all along z."""
     shape, radiance = light["shape"], np.array(light["radiance"])
     if shape["type"] == "sun":
         return radiance * math.sin(shape["half_angle"]) ** 2

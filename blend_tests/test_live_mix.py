@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from addon.core.rows import GROUP, LIGHT, STATIC, WORLD
+from addon.live import comparison as comparing
 from addon.live.scheduler import scheduler
-from addon.ui import compare, looks, mixer
+from addon.ui import looks, mixer
 from addon.ui.start import start
 from addon.viewport import compare as pairs
 from helpers import add_light, add_world, row, settled, until
@@ -75,7 +76,7 @@ def test_looks_are_compared_as_they_looked(shown):
     row(shown, "Key").on = False
     dark = picture(shown, "the live one").copy()
     items = shown.relume_looks.items
-    comparison = compare.start(shown, [items["One"], items["Two"]])
+    comparison = comparing.start(shown, [items["One"], items["Two"]])
     until(shown, lambda _found: not comparison.step(), "both looks")
     pair = pairs.pair_of(shown)
     assert np.abs(pair.a.image[..., :3] - one).max() < 1e-4 * one.max()
@@ -85,5 +86,5 @@ def test_looks_are_compared_as_they_looked(shown):
     looks.restore(shown, items["One"].look(), lights=True)
     bpy.context.view_layer.update()
     assert np.abs(picture(shown, "the restored one") - one).max() < 1e-4 * one.max()
-    compare.stop(shown)
+    comparing.stop(shown)
     scheduler.close_all()

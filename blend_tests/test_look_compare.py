@@ -9,8 +9,9 @@ from addon.core import receivers
 from addon.core.looks import Look, match
 from addon.core.rows import Row
 from addon.engine.shot import shot
+from addon.live import comparison as comparing
 from addon.live.scheduler import scheduler
-from addon.ui import compare, looks
+from addon.ui import looks
 from addon.ui.start import start
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
@@ -49,7 +50,7 @@ def test_two_looks_are_compared_as_they_were_made(compared):
     scene, live, shown = compared
     items = scene.relume_looks.items
     row(scene, "Key").on = False
-    comparison = compare.start(scene, [items["One"], items["Two"]])
+    comparison = comparing.start(scene, [items["One"], items["Two"]])
     one = live.requests[-1]
     assert comparison.step() and answer(live, comparison)
     two = live.requests[-1]
@@ -59,7 +60,7 @@ def test_two_looks_are_compared_as_they_were_made(compared):
     assert [place_of_key(request) for request in (one, two)] == [1.0, 9.0]
     assert (one["gains"]["Key"], two["gains"]["Key"]) == ([1.0] * 3, [4.0] * 3)
     assert live.requests[-1]["gains"]["Key"] == [0.0] * 3, "the live picture is asked for again"
-    compare.stop(scene)
+    comparing.stop(scene)
     assert pairs.pair_of(scene) is None
 
 
@@ -68,7 +69,7 @@ def test_a_comparison_keeps_the_polling_awake(compared, monkeypatch):
     woken = []
     monkeypatch.setattr(scheduler, "wake", lambda: woken.append(len(live.requests)))
     items = scene.relume_looks.items
-    comparison = compare.start(scene, [items["One"], items["Two"]])
+    comparison = comparing.start(scene, [items["One"], items["Two"]])
     assert woken[-1] == len(live.requests), "after the first request"
     answer(live, comparison)
     assert woken[-1] == len(live.requests), "and after the second"
@@ -78,13 +79,13 @@ def test_one_look_is_compared_with_the_live_picture(compared):
     scene, live, shown = compared
     scene.relume_looks.active, scene.relume_looks.other = 0, ""
     assert bpy.ops.relume.compare_looks() == {"FINISHED"}
-    assert not answer(live, compare.running(scene))
+    assert not answer(live, comparing.running(scene))
     assert shown[0][0].serial == 2 and shown[0][1] is None and shown[0][3] == ("One", "Now")
 
 
 def test_a_newer_request_does_not_get_into_a_comparison(compared):
     scene, live, shown = compared
-    comparison = compare.start(scene, [scene.relume_looks.items["One"]])
+    comparison = comparing.start(scene, [scene.relume_looks.items["One"]])
     wanted = live.requests[-1]
     row(scene, "Key").exposure = 5.0
     assert answer(live, comparison) and not shown, "asked for again"
@@ -97,7 +98,7 @@ def test_an_imported_look_is_compared_with_the_present_lights(compared, tmp_path
     scene, live, _shown = compared
     looks.export_file(scene.relume_looks.items["One"].look(), tmp_path / "one.json")
     entry, _outcome = looks.import_file(scene, tmp_path / "one.json")
-    compare.start(scene, [entry])
+    comparing.start(scene, [entry])
     assert live.requests[-1]["gains"] == {"Key": [1.0] * 3, "Fill": [1.0] * 3}
     assert place_of_key(live.requests[-1]) == 9.0
 
@@ -115,11 +116,11 @@ def test_a_look_shines_on_the_same_objects_in_a_bake_that_counts_them_anew(compa
     found = shot.of(scene)
     objects = found.lights.receivers
     found.lights.receivers = ["New", *reversed(objects)]
-    compare.start(scene, [scene.relume_looks.items["Linked"]])
+    comparing.start(scene, [scene.relume_looks.items["Linked"]])
     (number,) = receivers_of_key(live.requests[-1])
     assert found.lights.receivers[number] == "Plane"
     found.lights.receivers = ["New"]
-    compare.start(scene, [scene.relume_looks.items["Linked"]])
+    comparing.start(scene, [scene.relume_looks.items["Linked"]])
     assert receivers_of_key(live.requests[-1]) == [], "the plane is not in this bake"
 
 
@@ -129,7 +130,7 @@ def test_a_look_from_before_objects_were_named_is_asked_for_as_it_is(compared):
     old = json.loads(entry.request)
     old["lights"][0]["receivers"] = {"receivers": [0, 2]}
     entry.request = json.dumps(old)
-    compare.start(scene, [entry])
+    comparing.start(scene, [entry])
     assert live.requests[-1]["lights"][0]["receivers"] == {"receivers": [0, 2]}
 
 
@@ -156,7 +157,7 @@ def receivers_of_key(request):
 
 def test_comparing_needs_a_shot_and_ends_with_it(compared):
     scene, _live, shown = compared
-    comparison = compare.start(scene, [scene.relume_looks.items["One"]])
+    comparison = comparing.start(scene, [scene.relume_looks.items["One"]])
     shot.close_all()
     assert not comparison.step() and not shown
     with pytest.raises(RuntimeError, match="press Start first"):
@@ -168,6 +169,6 @@ def test_comparing_needs_a_shot_and_ends_with_it(compared):
 
 def test_another_file_ends_comparing(compared):
     scene, _live, _shown = compared
-    comparison = compare.start(scene, [scene.relume_looks.items["One"]])
+    comparison = comparing.start(scene, [scene.relume_looks.items["One"]])
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    assert compare.running(bpy.context.scene) is None and not comparison.step() and pairs.frames() == []
+    assert comparing.running(bpy.context.scene) is None and not comparison.step() and pairs.frames() == []

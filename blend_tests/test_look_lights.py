@@ -71,7 +71,7 @@ def hung(rigged):
 
 
 def places(*names):
-    """Of objects in the scene."""
+    """Matrices of objects in the scene."""
     update()
     return [np.array(bpy.data.objects[name].matrix_world) for name in names]
 

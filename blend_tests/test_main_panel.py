@@ -1,4 +1,4 @@
-"""What the first panel offers and says after a file was opened."""
+"""Offers and words of the first panel after a file was opened."""
 
 import shutil
 import time
@@ -207,7 +207,7 @@ def test_warnings_are_grouped_by_what_they_say(lit, drawn):
 
 
 def tracing(samples, total, seconds_each):
-    """What the native module tells of the stage that traces."""
+    """Stage of tracing, as the native module tells it."""
     left = (total - samples) * seconds_each
     return {
         **{"stage": "trace", "done": 100 * samples, "total": 100 * total, "message": ""},
@@ -222,7 +222,7 @@ def test_how_long_all_will_take_is_said_while_paths_are_traced(lit, drawn):
     live.show()
     scheduler.tick()
     lines = drawn(lit).lines
-    # What comes and goes is below the buttons, which would move under the mouse.
+    # Lines that come and go are below the buttons, which would move under the mouse.
     assert lines.index("At least 3:00 until all is traced and learned") > lines.index("Cancel")
     live.tell(state="ready", samples=64, stage=None, to_learn=[])
     scheduler.tick()
@@ -249,5 +249,5 @@ def test_how_long_a_real_bake_will_take_is_said(studio, samples):
         learned = len(to_learn) - (name in {"train", "measure"})
         assert remaining.seconds > learned, "each learning that is still to come takes its time"
         assert remaining.traces == (name == "trace" or to_learn[0] == 64)
-        # What more samples will take to learn from is not known.
+        # The time to learn from more samples is not known.
         assert not remaining.is_complete or (name == "measure" and samples == 128)

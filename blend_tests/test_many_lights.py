@@ -207,7 +207,7 @@ def of_nodes(scene):
 
 
 def of_points_further_up(scene):
-    """What a light hangs from hangs from an object that instances it on its points."""
+    """Hangs a light from an object that hangs from another, which instances it on its points."""
     outer = add(scene, "Points", bpy.data.objects["Plane"].data)
     outer.instance_type = "VERTS"
     inner = add(scene, "Between", None)

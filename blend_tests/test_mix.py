@@ -185,7 +185,7 @@ def test_every_slider_asks_for_an_interactive_picture(scene, tmp_path):
 
 
 def reset_by_operator(scene, found):
-    """As the button beside the row that is looked at."""
+    """Makes a row active, and resets it with the button beside it."""
     scene.relume_mix.active = scene.relume_mix.rows.find(found.name)
     assert bpy.ops.relume.reset_row() == {"FINISHED"}
 

@@ -19,9 +19,10 @@ from addon.engine.cycles import reference as cycles_reference
 from addon.engine.cycles import verify
 from addon.engine.shot import background, shot
 from addon.engine.solve import solving
+from addon.live import comparison as comparing
 from addon.live.scheduler import scheduler
 from addon.ui import background as background_ui
-from addon.ui import compare, looks, mixer, preferences
+from addon.ui import looks, mixer, preferences
 from addon.ui import start as starting
 from addon.ui import verify as verifying
 from addon.ui.solve import locks, operators, regions, results, scribble_tool, target
@@ -49,19 +50,19 @@ class FakeWorker:
         FakeWorker.made.append(self)
 
     def events(self):
-        """As Worker.events."""
+        """Stands in for `Worker.events`."""
         return []
 
     def stop(self):
-        """As Worker.stop."""
+        """Stands in for `Worker.stop`."""
         self.ending = "stopped"
 
     def kill(self):
-        """As Worker.kill."""
+        """Stands in for `Worker.kill`."""
         self.ending = "killed"
 
     def end(self, clean_up):
-        """As Worker.end."""
+        """Stands in for `Worker.end`."""
         self.kill()
         clean_up()
 
@@ -74,12 +75,12 @@ class FakeLook:
 
     @property
     def done(self):
-        """As Job.done."""
+        """Stands in for `Job.done`."""
         self.looks += 1
         return self.looks > 2
 
     def result(self):
-        """As Job.result."""
+        """Stands in for `Job.result`."""
         return {"devices": [{"name": "Card", "pci_bus_id": "1"}]}
 
 
@@ -188,7 +189,7 @@ def state(scene, folder):
             "selected": sorted(obj.name for obj in scene.objects if obj.select_get()),
             "active": bpy.context.view_layer.objects.active and bpy.context.view_layer.objects.active.name,
             "pair": pair and (pair.labels, np.array(pair.a.image).tolist(), pair.b is None),
-            "compares": compare.running(scene) is not None,
+            "compares": comparing.running(scene) is not None,
             "solves": solving.running(scene) is not None,
             "asked": [(live.arguments, live.calls, live.requests[-1:], live.state) for live in FakeLive.made],
             "shot": found and (str(found.folder), found.camera, repr(found.status)),
@@ -211,7 +212,7 @@ def target_pixels(scene):
 
 
 def verification(scene):
-    """What Cycles is to render and to compare with, and what came of it."""
+    """Job for Cycles, the picture to compare with, and the outcome."""
     found = verify.of(scene)
     if found is None:
         return None
@@ -306,7 +307,7 @@ def verified(scene):
 
 
 def ended(work):
-    """What comes of something that is waited for."""
+    """Runs work to its end."""
     while next(work, rest) is not rest:
         time.sleep(0.01)
 
@@ -367,8 +368,8 @@ CASES = {
         lambda scene, folder: looks.import_file(scene, folder / "in.json"),
         {"filepath": "in.json"},
     ),
-    "compare_looks": (nothing, lambda scene, _: compare.start(scene, [looks.active_look(scene)]), {}),
-    "stop_comparing": (with_pair, lambda scene, _: compare.stop(scene), {}),
+    "compare_looks": (nothing, lambda scene, _: comparing.start(scene, [looks.active_look(scene)]), {}),
+    "stop_comparing": (with_pair, lambda scene, _: comparing.stop(scene), {}),
     "lock_group": (group, lambda scene, _: locks.toggle_group(scene, "Rig"), {"group": "Rig"}),
     "lock_all": (nothing, lambda scene, _: locks.toggle_all(scene, "position"), {"move": "position"}),
     "add_region": (nothing, lambda scene, _: regions.add_region(scene, "MASK"), {"kind": "MASK"}),
@@ -402,7 +403,7 @@ CASES = {
     "count_cache": (nothing, lambda _scene, _: preferences.begin(preferences.count_cache()), {}),
     "clean_cache": (nothing, lambda _scene, _: preferences.begin(preferences.clean_cache()), {}),
 }
-"""Of each operator: what comes before, its function, and its own settings. Names of files are in the test's folder."""
+"""Preparation, function and own settings of each operator. Names of files are in the test's folder."""
 
 
 def call(scene, work):
@@ -410,7 +411,7 @@ def call(scene, work):
 
 
 AROUND = {"solve": solve_to_the_end}
-"""What must go on while a function does its work."""
+"""Generators that must go on while a function does its work."""
 OF_THE_WINDOW = {"look_through_camera", "pick_brush"}
 
 

@@ -44,8 +44,8 @@ def show(picture, at=(10, 7), size=None, region=(100, 80), **settings):
 
 
 def drawn(scene, what):
-    """What a region would show, 0..1, [height, width, 3], bottom row first: Blender's own way from the overlay's
-    texture, eight bits along the sRGB curve and premultiplied, to the screen, over a grey 3D view."""
+    """Pixels of a region, 0..1, [height, width, 3], bottom row first: Blender's own way from the overlay's texture,
+    eight bits along the sRGB curve and premultiplied, to the screen, over a grey 3D view."""
     target = gpu.types.GPUTexture(what.region, format="SRGB8_A8")
     framebuffer = gpu.types.GPUFrameBuffer(color_slots=target)
     with framebuffer.bind():

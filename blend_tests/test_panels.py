@@ -14,7 +14,7 @@ pytestmark = pytest.mark.every_version
 
 @pytest.fixture(autouse=True)
 def width(monkeypatch):
-    """Of the side bar, which there is none of here."""
+    """Width of the side bar, which there is none of here."""
     monkeypatch.setattr(panel, "characters", lambda *_: 40)
 
 
@@ -24,7 +24,7 @@ def all_of(kind):
 
 
 def context_of(scene):
-    """What panels ask of Blender's context."""
+    """Stands in for Blender's context, as far as panels ask it."""
     shading = SimpleNamespace(type="RENDERED", relume=None)
     view = SimpleNamespace(region_3d=SimpleNamespace(view_perspective="CAMERA"), shading=shading)
     places = {"space_data": view, "region": SimpleNamespace(width=400), "view_layer": bpy.context.view_layer}

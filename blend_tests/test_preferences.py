@@ -33,7 +33,7 @@ def chosen(registered, tmp_path):
 
 
 def make_bake(folder):
-    """What looks like a bake."""
+    """Writes a folder that looks like a bake."""
     folder.mkdir(parents=True)
     (folder / MANIFEST).write_text(json.dumps({"scene_hash": "", "passes": [], "tile_size": 64}))
     (folder / "tile_0000.safetensors").write_bytes(bytes(1000))

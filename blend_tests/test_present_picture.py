@@ -1,4 +1,4 @@
-"""What is verified or kept is the picture of the present lights and rows, never an older one nor that of a look."""
+"""Verifying and keeping take the picture of the present lights and rows, never an older one nor that of a look."""
 
 import json
 
@@ -8,8 +8,9 @@ import pytest
 from solve_steps import begin
 
 from addon.engine.shot import shot
+from addon.live import comparison as comparing
 from addon.live.scheduler import scheduler
-from addon.ui import compare, looks, verify
+from addon.ui import looks, verify
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import row
@@ -51,7 +52,7 @@ def test_a_picture_of_before_an_edit_is_not_verified(baked, verified):
 def test_a_picture_of_a_look_is_not_verified(baked, verified):
     looks.snapshot(baked, "One")
     looks.snapshot(baked, "Two")
-    comparison = compare.start(baked, list(baked.relume_looks.items))
+    comparison = comparing.start(baked, list(baked.relume_looks.items))
     picture_arrives()
     with pytest.raises(RuntimeError, match="looks are being compared"):
         bpy.ops.relume.verify()
@@ -126,7 +127,7 @@ def test_looks_are_compared_after_a_failure(baked):
     looks.snapshot(baked, "One")
     FakeLive.made[-1].tell(state="failed", error="No space left on device (os error 28)")
     scheduler.tick()
-    comparison = compare.start(baked, list(baked.relume_looks.items))
+    comparison = comparing.start(baked, list(baked.relume_looks.items))
     assert comparison.step(), "its picture is waited for"
     picture_arrives()
     assert not comparison.step() and len(comparison.frames) == 1

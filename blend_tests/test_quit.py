@@ -58,12 +58,12 @@ if way == "killed":
     time.sleep(600)
 """
 OLD_SECONDS = 15.0
-"""What Relume has to end in is over by then (`EXIT_SECONDS` in `addon/live/handlers.py`)."""
+"""Longer than Relume has to end in (`EXIT_SECONDS` in `addon/live/handlers.py`)."""
 WORK = ("baking", "training", "background baking", "background training", "verifying")
 
 
 def is_alive(pid):
-    """Whether a process runs still."""
+    """True if a process still runs."""
     try:
         # Nobody waits for a process whose parent is gone, but what adopts it.
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in {"Z", "X"}
@@ -72,7 +72,7 @@ def is_alive(pid):
 
 
 def is_whole(path):
-    """Whether a file of a bake is as long as it says, or can be read as JSON."""
+    """True if a file of a bake is as long as it says, or can be read as JSON."""
     content = path.read_bytes()
     if path.suffix == ".json":
         return isinstance(json.loads(content), dict)
@@ -85,7 +85,7 @@ def is_whole(path):
 
 
 def last_words(process):
-    """What it prints until it ends. Before 5.0 the `bpy` module may crash or wait for ever when all is done, with
+    """Output of a process until it ends. Before 5.0 the `bpy` module may crash or wait for ever when all is done, with
     nothing registered but an operator."""
     is_old = bpy.app.version < (5, 0, 0)
     try:
@@ -123,7 +123,7 @@ def test_blender_ends_while_relume_works(studio, tmp_path, work, way):
         time.sleep(0.05)
     files = [path for path in folder.iterdir() if not path.name.startswith(".")]
     assert files and [path.name for path in files if not is_whole(path)] == []
-    # What is killed in the middle of a file, as other Blenders are, leaves a temporary one.
+    # A process that is killed in the middle of a file, as other Blenders are, leaves a temporary one.
     assert way == "killed" or worker or len(files) == len(list(folder.iterdir())), "no temporary files"
     options.preferences().train_seconds = 0.0
     bpy.ops.wm.open_mainfile(filepath=str(blend))

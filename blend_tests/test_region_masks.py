@@ -13,7 +13,7 @@ VASE = MaskSubject("OBJECT", "Vase")
 
 @pytest.fixture
 def vase(scene):
-    """What the camera looks at."""
+    """Adds the object that the camera looks at."""
     obj = add_quad(scene, "Vase", 0.5)
     update()
     return obj

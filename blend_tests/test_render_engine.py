@@ -13,9 +13,9 @@ import relume
 import addon
 from addon.commands import run
 from addon.core.pass_names import light_passes
-from addon.engine import render_engine
 from addon.engine.reading.scene import load_scene
-from addon.engine.render_engine import ALBEDO_HERE
+from addon.engine.render import render_engine
+from addon.engine.render.render_engine import ALBEDO_HERE
 from addon.engine.shot import background
 from addon.engine.shot.options import remember_bake
 from addon.export.camera import film_border
@@ -76,7 +76,7 @@ def shards(folder):
 
 
 def relit(scene, tmp_path, lights=None):
-    """What `relume relight` computes for the lights of the open file."""
+    """Pictures that `relume relight` computes for lights, by default those of the open file."""
     return relume.Relighter(tmp_path / "bake").relight(lights or load_scene(scene).lights())
 
 

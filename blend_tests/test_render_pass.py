@@ -13,7 +13,7 @@ from fake_live import FakeLive
 from helpers import add_light, add_quad, add_world, row, settled, until, update
 
 WHOLE = {"Key", "Rim.001", "static"}
-"""What shines in the picture itself."""
+"""Passes that shine in the picture itself."""
 
 
 def view():

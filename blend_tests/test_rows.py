@@ -1,4 +1,4 @@
-"""What rows and groups amount to, and looks as text. Needs no Blender but for its own temperature colours."""
+"""Totals of rows and groups, and looks as text. Needs no Blender but for its own temperature colours."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What a socket takes of nothing, a muted node, a group or another type is what Cycles of this Blender takes."""
+"""Sockets take of nothing, a muted node, a group or another type what Cycles of this Blender takes."""
 
 import bpy
 import pytest

@@ -116,7 +116,7 @@ def test_a_target_brings_a_moved_light_to_its_place(shown):
         bpy.ops.relume.lock_all(move=move)
     assert bpy.ops.relume.solve() == {"FINISHED"}
     near = np.abs(apply(shown) - wanted).mean()
-    # As near as 768 pixels of 16 noisy samples tell: of a way of one metre at most a quarter is left.
+    # 768 pixels of 16 noisy samples tell the place only so well: of a way of one metre at most a quarter is left.
     left = np.linalg.norm(np.array(key.location) - (0.8, -0.4, 1.5))
     assert left < 0.25 * np.linalg.norm((0.8, -0.4, 0.5)) and near < 0.4 * far, tuple(key.location)
 

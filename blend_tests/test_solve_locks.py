@@ -16,7 +16,7 @@ from addon.ui.solve import locks
 from helpers import add_light, instance_linked_light, row, update
 
 PARAMETERS = ["position", "direction", "size", "color", "strength"]
-"""Of an area light."""
+"""Parameters of an area light."""
 
 
 @pytest.fixture

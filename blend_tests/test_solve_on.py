@@ -44,7 +44,7 @@ def asked(monkeypatch):
 
 
 def notes(scene):
-    """What the result says besides its goals."""
+    """Notes of the result."""
     return json.loads(scene.relume_solve.report)["notes"]
 
 
@@ -154,8 +154,8 @@ def test_cancelling_leaves_nothing_behind(shown, asked):
 def test_cancelling_does_not_wait_for_a_job_that_prepares(studio, tmp_path):
     calls = []
     job = SimpleNamespace(done=False, cancel=lambda: calls.append("cancel"), result=lambda: calls.append("result"))
-    status = {"samples": 4, "world_color": [0.5, 0.5, 0.5], "world_map": "sky"}
-    found = SimpleNamespace(folder=tmp_path, status=status, options=SimpleNamespace(threads=1))
+    live = SimpleNamespace(samples=4, world_color=[0.5, 0.5, 0.5], world_map="sky")
+    found = SimpleNamespace(folder=tmp_path, status=SimpleNamespace(live=live), options=SimpleNamespace(threads=1))
     (tmp_path / "manifest.json").write_text('{"scene_hash": "same"}')
     with pytest.MonkeyPatch.context() as patched:
         exported = SimpleNamespace(hash="same", world_map="sky")

@@ -1,4 +1,4 @@
-"""What cannot be solved is said in one clear line, and changes nothing."""
+"""Requests that cannot be solved get one clear line, and change nothing."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What was solved is a look, compared with how it was, and written when told to."""
+"""Results of solving are looks, compared with the state before, and written when told to."""
 
 import json
 
@@ -149,7 +149,7 @@ def solved_world(lit_by_two, request):
 
 
 def light_of_world(scene):
-    """What the Background node of a world shines."""
+    """Radiance of the Background node of a world."""
     inputs = scene.world.node_tree.nodes["Background"].inputs
     return np.array(inputs["Color"].default_value[:3]) * inputs["Strength"].default_value
 

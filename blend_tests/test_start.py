@@ -139,7 +139,7 @@ def test_start_changes_nothing_of_the_scene_but_where_the_bake_is(lit, tmp_path)
 
 
 def everything_registered():
-    """What an add-on can leave behind."""
+    """Handlers, classes and properties, which an add-on can leave behind."""
     lists = {name: getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers) if not name.startswith("_")}
     handler_lists = {name: list(value) for name, value in lists.items() if isinstance(value, list)}
     classes = sorted(name for name in dir(bpy.types) if "relume" in name.lower())

@@ -1,4 +1,4 @@
-"""What the panel says about a shot."""
+"""Words of the panel about a shot."""
 
 import pytest
 import relume
@@ -194,7 +194,7 @@ def test_all_that_is_left_is_told_by_the_paces_so_far():
     assert told("measure", 16, [64], done=4, remaining_s=0.0) is None, (
         "what was measured may be out of the list already"
     )
-    # Of learning alone it is not told before it is known how long comparing takes.
+    # The time of learning alone is not told before it is known how long comparing takes.
     assert of_stage == [None, None, 48.0, 4.0, None, 31.5, 3.0, 3.0, 32.0, 4.0, 54.0 + 3.0, 31.5, 10.0, 0.0]
 
 

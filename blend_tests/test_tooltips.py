@@ -37,7 +37,7 @@ def added_properties():
 
 
 def without_words(where, item):
-    """What of a property has no tooltip."""
+    """Names of a property and its items that have no tooltip."""
     missing = []
     if item.is_hidden:
         return missing
@@ -66,7 +66,7 @@ def test_operators_properties_and_menu_items_have_tooltips(registered):
             missing += without_words(name, item)
     for name in dir(bpy.ops.relume):
         shown = getattr(bpy.ops.relume, name).get_rna_type()
-        # What stands there where a class says nothing.
+        # Blender puts the latter where a class says nothing.
         missing += [name] if shown.description.strip() in {"", "(undocumented operator)"} else []
         for item in shown.properties:
             missing += without_words(name, item)

@@ -45,7 +45,7 @@ def inputs(kind):
 
 
 def kind_name(kind):
-    """What Blender calls a new node of a type."""
+    """Name that Blender gives a new node of a type."""
     tree = bpy.data.node_groups.new("names", "ShaderNodeTree")
     return tree.nodes.new(kind).name
 

@@ -1,4 +1,4 @@
-"""What is painted and not saved is in no copy of the file: who would render one says so, by name."""
+"""Painted images that are not saved are in no copy of the file: who would render one says so, by name."""
 
 import bpy
 import pytest

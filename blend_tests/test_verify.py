@@ -253,7 +253,7 @@ def test_the_panel_verifies_what_it_shows(shot, tmp_path, monkeypatch):
         assert compare.pair_of(shot) is None
         bpy.ops.relume.verify()
         running = verify.of(shot)._worker._process
-        # As `verify.close` does.
+        # The operator cancels as `verify.close` does.
         assert bpy.ops.relume.verify_cancel() == {"FINISHED"}
         assert verify.of(shot) is None
         running.wait(60.0)
@@ -266,7 +266,7 @@ def test_the_panel_verifies_what_it_shows(shot, tmp_path, monkeypatch):
 
 
 def drawn(scene):
-    """What the panel says."""
+    """Calls that the panel makes to draw itself."""
     layout = MagicMock()
     ui.RELUME_PT_verify.draw(SimpleNamespace(layout=layout), SimpleNamespace(scene=scene))
     return str(layout.mock_calls)

@@ -1,11 +1,13 @@
-"""What a 3D view shows: pictures, a hint, or nothing; and what the handlers do around it."""
+"""Content of a 3D view: pictures, a hint, or nothing; and what the handlers do around it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 
+from addon.core.phase import ShotPhase
 from addon.engine.shot import shot
 from addon.export import view_transform
 from addon.ui.start import start
@@ -96,7 +98,7 @@ def test_a_camera_that_was_deleted_and_made_again_is_known_by_its_name(view):
 def test_before_the_first_picture_there_is_a_word(view):
     view.shot.frame = None
     assert shown(view) == "The first picture is on its way"
-    view.shot.status.phase = "failed"
+    view.shot.status = replace(view.shot.status, phase=ShotPhase.FAILED)
     assert shown(view) == "No picture yet"
 
 
@@ -106,13 +108,16 @@ def test_a_rebake_shows_the_picture_before_until_it_has_one(view):
     assert view.shot.frame is None and shown(view).first is before
     view.shot.poll()
     assert shown(view).first is before
-    FakeLive.made[-1].tell(state="cancelled")
-    view.shot.poll()
-    assert shown(view) == "No picture yet", "a rebake that was given up has no picture"
-    FakeLive.made[-1].tell(state="baking")
     FakeLive.made[-1].show()
     view.shot.poll()
     assert shown(view).first is view.shot.frame is not before
+
+
+def test_a_rebake_that_was_given_up_has_no_picture(view):
+    view.shot = start(view.scene)
+    FakeLive.made[-1].tell(state="cancelled")
+    view.shot.poll()
+    assert shown(view) == "No picture yet"
 
 
 def test_a_bake_of_another_camera_does_not_show_the_picture_before(view):

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.every_version
 
 COLUMNS, ROWS = 32, 16
 WIDTH = 512
-"""Of small textures."""
+"""Width of small textures."""
 
 
 @pytest.fixture(autouse=True)
@@ -46,7 +46,7 @@ def small(monkeypatch):
 
 @pytest.fixture
 def fake(monkeypatch):
-    """What would have been rendered, in place of rendering it."""
+    """Jobs that would have been rendered, in place of rendering them."""
     rendered = []
 
     def render(job, _contents, _stop):

@@ -63,7 +63,7 @@ def light_objects(scene):
 
 
 def free_moves(scene, lights, args):
-    """What may change of each light, less what could not be written back."""
+    """Parameters of each light that may change, less those that could not be written back."""
     shown = [light["name"] for light in lights.descriptions]
     unknown = ", ".join(set(args.lights or ()) - set(shown))
     if unknown:
@@ -78,7 +78,7 @@ def free_moves(scene, lights, args):
 
 
 def request(lights, free, args):
-    """What the solver is asked for."""
+    """Request to the solver."""
     shown = {"lights": lights, "gains": {}, "world": [1, 1, 1], "static": [1, 1, 1]}
     goal = {"goal": "target", "image": "target", "exposure_invariant": args.mood, "where": {"mask": "unclipped"}}
     options = solve.SolveOptions(free=free, goals=[goal], keep_rest=0.0, add_count=args.add, starts=args.starts)

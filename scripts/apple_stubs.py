@@ -23,7 +23,7 @@ OBJECTIVE_C = """
 INTEL_ONLY = "objc_msgSend_stret"
 """For results that are returned in memory, as Intel's processors do it."""
 
-# Of Apple's text-based stubs, version 4; LLVM's `TextStub.cpp` reads them.
+# Apple's text-based stubs, version 4; LLVM's `TextStub.cpp` reads them.
 STUB = """--- !tapi-tbd
 tbd-version: 4
 targets: [ arm64-macos, x86_64-macos ]

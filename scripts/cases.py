@@ -91,13 +91,13 @@ def play(case, version):
 
 
 def expected(case):
-    """What the script says that a right program does."""
+    """Expectation of a case's script."""
     said = re.search(r'expect="([^"]*)"', case.read_text())
     return said[1] if said else "equal"
 
 
 def without_line(case, version, status):
-    """What the command line said where the script failed later, as where Cycles writes other files than it reads."""
+    """Messages of the command line where the script failed later, as where Cycles writes other files than it reads."""
     log = OUT / f"{case.stem}-{version}" / "bake.log"
     if status != 1 or not log.exists():
         return {"bake": status}
@@ -107,7 +107,7 @@ def without_line(case, version, status):
 
 
 def record(case, version, found):
-    """What is kept of a case's line."""
+    """Record of a case's line, as it is kept."""
     warnings = [*found.get("warning", []), *found.get("relight_warning", [])]
     errors = [*found.get("error", []), *found.get("relight_error", [])]
     return {
@@ -136,13 +136,13 @@ def verdict(found, warned):
 
 
 def is_equal(found):
-    """Whether a measured picture is that of Cycles."""
+    """True if a measured picture is that of Cycles."""
     within = found["median"] <= MEDIAN_LIMIT and found["p95"] <= P95_LIMIT
     return within or found["p95"] <= TIMES_NOISE * found["noise_p95"]
 
 
 def is_met(kept):
-    """Whether a record is what its case expects, which is said in words."""
+    """True if a record is what its case expects, which is said in words."""
     words = {
         "equal": r"equal|as Cycles|near|\bbut\b|region",
         "named": r"named|\bnote\b|\bsaid\b|differs",
@@ -154,7 +154,7 @@ def is_met(kept):
 
 
 def page(records):
-    """What `docs/bench/cases.md` says of the records."""
+    """Text of `docs/bench/cases.md` from the records."""
     judged = [kept for kept in records if kept["verdict"] != "unjudged"]
     return TEXT.format(
         met=sum(map(is_met, judged)),

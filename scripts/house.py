@@ -10,7 +10,7 @@ import json
 import re
 import subprocess
 import sys
-from collections import Counter, defaultdict
+from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,7 +32,7 @@ KINDS = {
 # Types inside a trait or an implementation are indented, and are no homonyms.
 TYPES = re.compile(r"^(?:\s*(pub\S* )?(?:unsafe )?(?:struct|enum|trait|union)|(pub\S* )?type) (\w+)", re.M)
 TIMER = "bpy.app.timers.register"
-OPENERS = re.compile(r"(What|Whether|Of|The same|As)\b")
+OPENERS = ("As", "Of", "The same", "What", "Whether")
 PAGE = """# Figures of the code
 
 Made by `scripts/house.py --keep NAME`. The names behind each count are in `house.json`. Columns are commits.
@@ -144,7 +144,7 @@ def measure(root):
     in_crates = {crate: rust_circles(files) for crate, files in sorted(crates.items())}
     several, visible, twice = homonyms(rust, python)
     modules, packages = addon_circles(root)
-    starts = Counter(match[1] for match in map(OPENERS.match, doc_starts(rust, python)) if match)
+    starts = list(doc_starts(rust, python))
     return {
         "types of one name in several parts": several,
         "types of one name in several parts, private ones aside": visible,
@@ -161,7 +161,9 @@ def measure(root):
         f"files above {LONG_FILE} lines": {
             name: count for name, text in texts.items() if (count := text.count("\n")) > LONG_FILE
         },
-        "doc comments that begin with": dict(sorted(starts.items())),
+        "doc comments that begin with": {
+            word: sum(bool(re.match(rf"{word}\b", start)) for start in starts) for word in OPENERS
+        },
         "lines of functions": {
             kind: {"functions": len(those), "median": percentile(those, 0.5), "p90": percentile(those, 0.9)}
             | {"longest": those[-1]}

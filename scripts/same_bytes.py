@@ -34,7 +34,7 @@ def file_hashes(folder):
 
 
 def hashes(name, folder):
-    """Of a scene: its bake, and the gathered pictures of its own lights."""
+    """Hashes of a scene's bake, and of the gathered pictures of its own lights."""
     blend = DEMO if name == "demo" else SCENES / f"{name}.blend"
     if not blend.exists():
         blend.parent.mkdir(parents=True, exist_ok=True)

@@ -289,7 +289,7 @@ fn full_disk_leaves_no_half_written_file() {
         assert!(left.iter().all(|name| !name.to_string_lossy().starts_with('.')), "{left:?}");
     }
     assert!(!path.join("proxies/proxy_sphere.safetensors").exists());
-    // What was written before the disk was full is whole, and the bake goes on once there is room.
+    // Files from before the disk was full are whole, and the bake goes on once there is room.
     trace_room(path, "--out full --width 64 --height 64 --samples 64 --resume");
     assert_eq!(result(path, "validate full")["problems"], serde_json::json!([]));
 }

@@ -77,7 +77,7 @@ fn without_a_driver_a_gpu_that_was_asked_for_is_an_error_and_auto_takes_the_cpu(
 #[cfg(target_os = "linux")]
 fn without_a_vulkan_loader_it_is_so_too() {
     let folder = tempfile::tempdir().unwrap();
-    // What is found first and is no library hides the one of the system.
+    // A file that is found first and is no library hides the one of the system.
     for name in ["libvulkan.so.1", "libvulkan.so"] {
         std::fs::write(folder.path().join(name), "no library").unwrap();
     }

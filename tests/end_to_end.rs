@@ -64,7 +64,7 @@ fn scene_files_are_traced_as_they_say_unless_told_otherwise() {
     let more = result(path, "info more")["manifest"].clone();
     assert_eq!((seed, &more["seed"]), (7.into(), &8.into()));
     assert_eq!(more["settings"]["bounces"]["diffuse"], 1);
-    // As the OBJ itself.
+    // A bake of the OBJ itself has the same content.
     let lights = data("evening.json");
     let same =
         format!("--width 16 --height 12 --samples 5 --seed 8 --bounces 1 --lights {}", lights.display());

@@ -38,7 +38,7 @@ def shown(status: ShotStatus) -> str:
     samples = picture.get("samples", 0)
     plain = f"{samples} {'sample' if samples == 1 else 'samples'}"
     denoised = ", denoised" if picture["denoised"] else ""
-    # What few paths meet is no noise where none does: the figure would be too low.
+    # The figure would be too low where few paths meet a light: pixels that none reaches show no noise.
     if (noise := picture.get("noise")) is not None and not status.live.rarely_met:
         denoised += f" (noise {100 * noise:.0f} %{' before' if denoised else ''})"
     size = f", at 1/{picture['scale']} size" if picture.get("scale", 1) > 1 else ""

@@ -11,6 +11,10 @@ from .camera import film_border, film_size
 
 Warn = Callable[[str], None]
 
+WITHOUT_EFFECTS = {"use_sequencer": False, "use_compositing": False, "use_freestyle": False}
+"""Render settings without what Blender does to a picture once it is rendered. Freestyle would crash where there is
+none, and file output nodes would write over the artist's files."""
+
 
 def left_out_of_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
     """Sentences about settings of a scene and its view layer that no picture by Relume has."""

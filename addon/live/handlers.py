@@ -7,7 +7,7 @@ import atexit
 import bpy
 from bpy.app.handlers import persistent
 
-from ..engine.reading.render_depsgraph import note_render_slot, remove_copies
+from ..engine.reading.render_depsgraph import on_render_init, remove_copies
 from ..engine.shot import shot as shots
 from ..engine.shot.options import preferences, remember_bake, remembered_bake
 from . import opening, rows
@@ -73,7 +73,8 @@ def on_undo(*_arguments) -> None:
 def read_forgotten() -> None:
     """Reads lights anew where no update of their scene has had them read since undo, and asks for what has become of
     the rows."""
-    # What no window shows is not evaluated again before it is shown; its old state may hold what undo has freed.
+    # A scene that no window shows is not evaluated again before it is shown; its old state may hold data that undo has
+    # freed.
     for scene in {window.scene for window in bpy.context.window_manager.windows}:
         shot = shots.of(scene)
         if shot is not None and shot.lights.is_forgotten:
@@ -142,7 +143,7 @@ HANDLERS = {
     "load_pre": on_load_pre,
     "load_post": on_load_post,
     "load_post_fail": on_load_post_fail,
-    "render_init": note_render_slot,
+    "render_init": on_render_init,
 }
 
 

@@ -211,7 +211,7 @@ def _read_waiting(scene: bpy.types.Scene, shot: shots.Shot, seconds: float) -> b
     changed."""
     if not shot.lights.is_waiting:
         return False
-    # As it is: what has to be evaluated again will be named again.
+    # The depsgraph is read as it is: whatever has to be evaluated again will be named again.
     layer = scene.view_layers.get(shot.lights.view_layer)
     return layer is not None and layer.depsgraph is not None and shot.lights.go_on(layer.depsgraph, seconds)
 

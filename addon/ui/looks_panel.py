@@ -11,11 +11,12 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from ..apply.writable import RefusedError
 from ..core.looks import LookError
 from ..engine.shot import shot
+from ..live import comparison
 from ..viewport import compare as pairs
-from . import compare, looks, thumbnails
+from . import looks, thumbnails
 from .panel import RelumePanel
 
-PROBLEMS = (LookError, RefusedError, compare.CompareError, OSError)
+PROBLEMS = (LookError, RefusedError, comparison.CompareError, OSError)
 
 
 class _OnLook:
@@ -146,7 +147,7 @@ class RELUME_OT_compare_looks(_OnLook, bpy.types.Operator):  # noqa: N801
         chosen = [looks.active_look(scene)]
         other = scene.relume_looks.items.get(scene.relume_looks.other)
         try:
-            compare.start(scene, chosen if other is None else [*chosen, other])
+            comparison.start(scene, chosen if other is None else [*chosen, other])
         except PROBLEMS as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -161,7 +162,7 @@ class RELUME_OT_stop_comparing(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        compare.stop(context.scene)
+        comparison.stop(context.scene)
         return {"FINISHED"}
 
 
@@ -239,10 +240,10 @@ _register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 def register():
     """Adds panel and operators."""
     _register()
-    compare.register()
+    comparison.register()
 
 
 def unregister():
     """Takes them away, and ends comparisons."""
-    compare.unregister()
+    comparison.unregister()
     _unregister()

@@ -35,7 +35,7 @@ MOST_LINES = 10
 EDGES, SCROLL_BAR = 71, 18
 """Pixels of the sidebar beside the rows of a list."""
 SWITCHES, TRIANGLE, DOT, ICON, MARGIN = 28, 14, 10, 20, 4
-"""Pixels of what is around a name: checkbox and S, and what not every row has."""
+"""Pixels around a name: of checkbox and S, and of parts that not every row has."""
 FIGURES = 72
 """Pixels of exposure, colour and lock. A row alone would shrink the exposure below its digits."""
 
@@ -71,8 +71,8 @@ def reset(scene: bpy.types.Scene, neutral_rows: Iterable[RelumeRow] | None = Non
 
 
 def is_hidden(scene: bpy.types.Scene, row: RelumeRow) -> bool:
-    """Whether a light gives no light because it is hidden, itself or by what it is in. Nodes and particles show a
-    hidden one all the same, unless they only read it, such as its place: as long as nobody knows, they may."""
+    """True if a light gives no light because it is hidden, itself or by whatever holds it. Nodes and particles
+    show a hidden one all the same, unless they only read it, such as its place: as long as nobody knows, they may."""
     if row.kind != LIGHT:
         return False
     found = shot.of(scene)
@@ -245,7 +245,7 @@ def shown_rows(items, order: list[int], search: str = "", grouped: bool = True) 
 
 
 def _draw_name(line, row: RelumeRow, depth: int, room: float, has_icon: bool) -> None:
-    """What is between the switches of a row and its exposure, in `room` pixels at a scale of 1."""
+    """Draws all between the switches of a row and its exposure, in `room` pixels at a scale of 1."""
     if depth:
         indent = INDENT * depth + (0.0 if row.kind == GROUP else FOLD)
         line.separator(factor=indent)
@@ -254,7 +254,7 @@ def _draw_name(line, row: RelumeRow, depth: int, room: float, has_icon: bool) ->
         icon = "DISCLOSURE_TRI_DOWN" if row.open else "DISCLOSURE_TRI_RIGHT"
         _cell(line, 0.7).prop(row, "open", text="", icon=icon, emboss=False)
         room -= TRIANGLE
-    # What is set in the details alone would otherwise not be seen.
+    # A dot, as values that are set in the details alone would otherwise not be seen.
     has_dot = row.multiplier != 1.0 or row.use_kelvin
     name = elided(row.name, room - DOT * has_dot - ICON * has_icon)
     line.label(text=name, icon=row.icon if has_icon else "NONE")

@@ -10,9 +10,9 @@ from bpy.props import BoolProperty, PointerProperty
 
 from ..core.pass_names import LONGEST, longest_in_file
 from ..core.rows import LIGHT
-from ..engine import render_engine
 from ..engine.reading import render_depsgraph
-from ..engine.render_engine import ENGINE, PassSettings
+from ..engine.render import render_engine
+from ..engine.render.render_engine import ENGINE, PassSettings
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
@@ -90,7 +90,7 @@ def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSet
 
 
 class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
-    """What a final render has besides the picture"""
+    """Passes of a final render besides the picture"""
 
     bl_idname = "RELUME_PT_passes"
     bl_label = "Passes"

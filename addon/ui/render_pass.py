@@ -6,7 +6,7 @@ import bpy
 from bpy.props import EnumProperty, PointerProperty, StringProperty
 
 from ..core.pass_names import ALBEDO, COMBINED, DEPTH, NORMAL, STATIC, WORLD, light_passes
-from ..engine.render_engine import ENGINE
+from ..engine.render.render_engine import ENGINE
 from ..engine.shot import shot as shots
 from ..viewport.views import redraw
 

@@ -87,7 +87,7 @@ class ShotOperator:
         return shot.of(context.scene) is not None
 
 
-def told(operator: bpy.types.Operator, work: Callable[[], object]) -> set[str]:
+def report_failures(operator: bpy.types.Operator, work: Callable[[], object]) -> set[str]:
     """Does an operator's work; what keeps it from being done is said in one line."""
     try:
         work()
@@ -105,7 +105,7 @@ class RELUME_OT_start(bpy.types.Operator):  # noqa: N801 -- Blender's naming
 
     def execute(self, context):
         """Called by Blender."""
-        return told(self, lambda: start(context.scene))
+        return report_failures(self, lambda: start(context.scene))
 
 
 class RELUME_OT_go_on(ShotOperator, bpy.types.Operator):  # noqa: N801
@@ -116,7 +116,7 @@ class RELUME_OT_go_on(ShotOperator, bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        return told(self, lambda: go_on(context.scene))
+        return report_failures(self, lambda: go_on(context.scene))
 
 
 class RELUME_OT_rebake(bpy.types.Operator):  # noqa: N801
@@ -127,7 +127,7 @@ class RELUME_OT_rebake(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        return told(self, lambda: start(context.scene, anew=True))
+        return report_failures(self, lambda: start(context.scene, anew=True))
 
 
 class RELUME_OT_show_bake(bpy.types.Operator):  # noqa: N801
@@ -138,7 +138,7 @@ class RELUME_OT_show_bake(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        return told(self, lambda: show_bake(context.scene))
+        return report_failures(self, lambda: show_bake(context.scene))
 
 
 class RELUME_OT_find_bake(bpy.types.Operator):  # noqa: N801
@@ -157,7 +157,7 @@ class RELUME_OT_find_bake(bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        return told(self, lambda: find_bake(context.scene, Path(self.directory)))
+        return report_failures(self, lambda: find_bake(context.scene, Path(self.directory)))
 
 
 class RELUME_OT_pause(ShotOperator, bpy.types.Operator):  # noqa: N801

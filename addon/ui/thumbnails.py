@@ -12,7 +12,7 @@ import numpy as np
 
 from ..export.view_transform import displayed
 from ..viewport import view_table
-from ..viewport.view_table import View
+from ..viewport.view_table import ViewTable
 
 WIDTH = 192
 """Pixels of a thumbnail at most."""
@@ -27,7 +27,7 @@ def encode(scene: bpy.types.Scene, image: np.ndarray) -> str:
     return _text(displayed(scene, _small(image))) if view is None else encode_in(view, image)
 
 
-def encode_in(view: View, image: np.ndarray) -> str:
+def encode_in(view: ViewTable, image: np.ndarray) -> str:
     """Encodes like `encode`, in a view that is known already; needs no Blender, so it may run on any thread."""
     return _text(view.apply(_small(image)))
 

@@ -15,10 +15,9 @@ from ..engine.solve import solving
 from ..engine.workers.process import NoCopyError
 from ..export.light_tree import light_objects
 from ..export.lights import name_of
-from ..live import rows
+from ..live import comparison, rows
 from ..viewport import compare
 from ..viewport.views import redraw
-from . import compare as comparing
 from .panel import RelumePanel, message
 
 TICK_SECONDS = 0.25
@@ -76,7 +75,7 @@ def _poll() -> None:
 def _is_on_its_way(scene: bpy.types.Scene) -> bool:
     """True if a full-size picture of the present lights and rows is on its way."""
     shot = shots.of(scene)
-    if shot is None or shot.frame is None or shot.refusal or solving.running(scene) or comparing.running(scene):
+    if shot is None or shot.frame is None or shot.refusal or solving.running(scene) or comparison.running(scene):
         return False
     frame = shot.present_frame
     return frame is None or frame.scale != 1
@@ -92,7 +91,7 @@ def _present_frame(scene: bpy.types.Scene) -> Any:
     if shot.present_frame is None:
         if solving.running(scene):
             raise verify.VerifyError("lights are being solved; wait for the end of that or cancel it, then verify")
-        if comparing.running(scene):
+        if comparison.running(scene):
             raise verify.VerifyError("looks are being compared; verify when both are there")
         raise verify.VerifyError("the picture of the present lights is on its way; verify it when it is there")
     return shot.present_frame

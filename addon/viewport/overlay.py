@@ -14,7 +14,7 @@ import gpu
 from ..engine.shot import shot as shots
 from . import camera_frame, compare, shader, texture
 from .camera_frame import Rectangle
-from .view_table import View
+from .view_table import ViewTable
 
 SINGLE, SPLIT, DIFFERENCE = 0, 1, 2
 """Modes of the shader."""
@@ -77,7 +77,7 @@ def split_of(scene: bpy.types.Scene, frame: Rectangle) -> float:
     return frame.left + scene.relume_view.wipe_position * frame.width
 
 
-def draw(content: Show, view: View) -> None:
+def draw(content: Show, view: ViewTable) -> None:
     """Draws frames into the overlay texture of a 3D view, which is bound."""
     first, second = texture.of_frame(content.first), texture.of_frame(content.second)
     size = (first.width, first.height)

@@ -174,7 +174,7 @@ void main()
 
 ENCODING_ENTRIES = LEVELS
 ROWS = ("to_red", "to_green", "to_blue")
-"""Rows of `View.to_rec709`, each with a fourth value that is not read."""
+"""Rows of `ViewTable.to_rec709`, each with a fourth value that is not read."""
 
 
 @dataclass(frozen=True)

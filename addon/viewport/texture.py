@@ -9,7 +9,7 @@ import gpu
 import numpy as np
 
 from . import shader
-from .view_table import View
+from .view_table import ViewTable
 
 TABLES_KEPT = 3
 
@@ -29,7 +29,7 @@ def of_frame(frame: Any) -> Any:
     return _frames[id(frame)][1]
 
 
-def of_table(view: View) -> Any:
+def of_table(view: ViewTable) -> Any:
     """The table of a view that has one."""
     table = view.table
     assert table is not None
@@ -41,7 +41,7 @@ def of_table(view: View) -> Any:
     return _tables[id(table)][1]
 
 
-def of_levels(view: View) -> Any:
+def of_levels(view: ViewTable) -> Any:
     """The view's list of colours, if it has one, and in alpha `shader.overlay_encoding`."""
     key = id(view.levels)
     if key not in _levels:

@@ -27,7 +27,7 @@ _shown: dict[int, Table] = {}
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ViewTable:
     """Display colour = `table(color * scale)`, or without a table the sRGB curve of it in Rec.709 `** exponent`."""
 
     table: np.ndarray | None
@@ -54,19 +54,19 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
 
 
-def of(scene: bpy.types.Scene) -> View | None:
+def of(scene: bpy.types.Scene) -> ViewTable | None:
     """The view of a scene as far as it is known; None until its first table is there. Costs nothing."""
     settings = scene.view_settings
     if is_srgb_view(scene):
         exponent = 1.0 / max(settings.gamma, 1e-6)
-        return View(None, 2.0**settings.exposure, exponent, to_rec709=rec709_from_scene_linear())
+        return ViewTable(None, 2.0**settings.exposure, exponent, to_rec709=rec709_from_scene_linear())
     table = _tables.get(_key(scene)) or _shown.get(scene.session_uid)
     if table is None:
         return None
     _shown[scene.session_uid] = table
     _forget(_shown)
     entries, levels = table
-    return View(entries, 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0, levels)
+    return ViewTable(entries, 1.0 if settings.use_curve_mapping else 2.0**settings.exposure, 1.0, levels)
 
 
 def is_complete(scene: bpy.types.Scene) -> bool:
@@ -93,7 +93,7 @@ def work(scene: bpy.types.Scene) -> bool:
     return True
 
 
-def complete(scene: bpy.types.Scene) -> View:
+def complete(scene: bpy.types.Scene) -> ViewTable:
     """Full view of a scene, computed at once, for pictures that are not drawn live."""
     if not is_complete(scene):
         _keep(scene, color_table(scene))

@@ -8,7 +8,7 @@ from functools import partial
 import bpy
 
 from ..core.pass_names import COMBINED
-from ..engine.render_engine import ENGINE
+from ..engine.render.render_engine import ENGINE
 
 SETTLE_SECONDS = 0.1
 

@@ -1,4 +1,4 @@
-"""What an artist does with a shot, as functions for scenarios; each is a generator, as scenarios are."""
+"""Actions of an artist on a shot, as functions for scenarios; each is a generator, as scenarios are."""
 
 import importlib
 import json
@@ -23,7 +23,7 @@ def addon(module):
 
 
 def will_ask_again():
-    """Whether a fuller picture of what was edited will be asked for a moment later."""
+    """True if a fuller picture of an edit will be asked for a moment later."""
     return bool(addon("live.scheduler").scheduler.settling)
 
 
@@ -63,22 +63,22 @@ class Artist:
 
     @property
     def shot(self):
-        """What the add-on has open of the scene."""
+        """Open shot of the scene; None if there is none."""
         return addon("engine.shot.shot").of(self.scene)
 
     @property
     def state(self):
-        """What the shot is at, in a word."""
+        """Phase of the shot, in a word."""
         return self.shot and self.shot.status.phase
 
     @property
     def stage(self):
-        """What is being worked on, in a word; None if nothing is."""
+        """Stage of the work, in a word; None if nothing goes on."""
         stage = self.shot and self.shot.status.stage
         return stage and stage["stage"]
 
     def proxies(self):
-        """What the shot says of each proxy: how good it is."""
+        """Quality of each proxy, as the shot says it."""
         return self.shot.status.live.proxies
 
     def row(self, name):
@@ -267,7 +267,7 @@ class Artist:
         yield from self.driver.drawn()
 
     def _frame_on_screen(self, photo, wanted):
-        """What the screen shows in the camera's frame, and the same part of the wanted picture; top row first."""
+        """Part of the screen in the camera's frame, and the same part of the wanted picture; top row first."""
         region, frame = self.driver.region(), self._frame()
         height, width = wanted.shape[:2]
         left, bottom = round(frame.left), round(frame.bottom)
@@ -282,7 +282,7 @@ class Artist:
 
 
 def same(a, b):
-    """Whether pictures are the same but for rounding."""
+    """True if pictures are the same but for rounding."""
     return a.shape == b.shape and np.abs(a - b).max() <= 1e-3 * max(a.max(), b.max())
 
 
@@ -306,7 +306,7 @@ def drag_and_undo(artist, light, pixels):
 
 
 def check_proxy(artist, light, drawn):
-    """What was drawn in a drag has the dragged light from its proxy, which is not what the samples give."""
+    """Checks that pictures of a drag have the dragged light from its proxy, which is not what the samples give."""
     driver = artist.driver
     moving = [(frame, request["lights"]) for frame, request in drawn if request["interactive"]]
     # The first may be of the place where it was, of which the sum is known.

@@ -32,8 +32,8 @@ def read_exr(path):
 
 
 def in_image_editor(driver, path, name=None):
-    """What the screen shows of an EXR in the scene's view, 0..1 [height, width, 3], bottom row first: in an image
-    editor in the place of the 3D view, a pixel of the picture on each of the screen."""
+    """Screen's pixels of an EXR in the scene's view, 0..1 [height, width, 3], bottom row first: in an image editor in
+    the place of the 3D view, a pixel of the picture on each of the screen."""
     area, image = driver.view, bpy.data.images.load(str(path))
     image.use_view_as_render = True
     area.type = "IMAGE_EDITOR"

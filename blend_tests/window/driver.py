@@ -17,8 +17,8 @@ from screen import photograph, write_png
 ADDON = "bl_ext.user_default.relume"
 INTERVAL = 0.01
 NAP_SECONDS = 0.005
-"""What Blender itself sleeps in each turn of an idle window, except where it may simulate events: there it would keep a
-core busy with nothing."""
+"""Sleep in each turn of an idle window. Blender sleeps so itself except where it may simulate events: there it would
+keep a core busy with nothing."""
 TYPED = dict(zip("0123456789.-", "ZERO ONE TWO THREE FOUR FIVE SIX SEVEN EIGHT NINE PERIOD MINUS".split(), strict=True))
 """Keys of signs."""
 ROW_PIXELS = 14
@@ -30,7 +30,7 @@ SEARCHES = 3
 
 
 class Driver:
-    """What a scenario has at hand. Folders: `scenes` to read, `scratch` to write, `pictures` for photographs."""
+    """Means of a scenario to act and judge. Folders: `scenes` to read, `scratch` to write, `pictures` for photos."""
 
     def __init__(self, name, folder):
         self.name = name
@@ -230,7 +230,7 @@ class Driver:
         return before - self._bottom_of_tab()
 
     def _bottom_of_tab(self):
-        """What of the side bar's content is at its lower edge: pixels, falling as it is scrolled down."""
+        """Place in the side bar's content that is at its lower edge: pixels, falling as it is scrolled down."""
         return self.region("UI").view2d.region_to_view(0, 0)[1]
 
     # The person's hands: Blender's own simulated events, which go the same way as those of a mouse
@@ -296,7 +296,7 @@ class Driver:
                 return self._mouse
         seen = {}
         place = yield from self._search_shown(what, across, seen, below)
-        # What is drawn meanwhile may move a button to where the search has been.
+        # Drawing meanwhile may move a button to where the search has been.
         for _ in range(SEARCHES):
             place = place or (yield from self._search(what, across, seen))
         if not place:
@@ -316,7 +316,7 @@ class Driver:
         return None
 
     def _search_shown(self, what, across, seen, below=math.inf):
-        """The same in what is shown of the side bar, below a height in the window."""
+        """Place of a button in the shown part of the side bar, below a height in the window; None if there is none."""
         region = self.region("UI")
         for y in range(min(below, region.y + region.height) - ROW_PIXELS, region.y + EDGE_PIXELS, -ROW_PIXELS):
             yield from self.move_mouse(region.x + across * region.width, y)
@@ -329,7 +329,7 @@ class Driver:
         return None
 
     def _is_at(self, what, across, y):
-        """Whether a button is at a height in the window; the mouse is over it then."""
+        """True if a button is at a height in the window; the mouse is over it then."""
         region = self.region("UI")
         yield from self.move_mouse(region.x + across * region.width, y)
         yield from self.wait(10 * INTERVAL)

@@ -1,14 +1,14 @@
-"""Whether a scenario did what it should, from what is left of it. Success is never assumed."""
+"""Verdict on a scenario, from its result, exit status and log. Success is never assumed."""
 
 import re
 
 ERROR = re.compile(r"\bError\b|\bERROR\b|EXCEPTION_|Segmentation fault")
 MISCOUNTED = r"^Error: Not freed memory blocks: 4294967295, total unfreed memory 0\.000000 MB$"
-"""What Blender may say when it quits: minus one block is nothing that was kept."""
+"""Line that Blender may write when it quits: minus one block is nothing that was kept."""
 
 
 def failures(result, status, log):
-    """What went wrong, a list of texts.
+    """Faults of a scenario, a list of texts.
 
     `result`: the driver's result.json, None if there is none. `status`: the exit status of Blender, None if it was
     killed for taking too long. `log`: what Blender wrote.
@@ -32,7 +32,7 @@ def failures(result, status, log):
 
 
 def matches(line, patterns):
-    """Whether one of the regular expressions is found in a line."""
+    """True if one of the regular expressions is found in a line."""
     return any(re.search(pattern, line) for pattern in patterns)
 
 

@@ -1,4 +1,4 @@
-"""What an artist does with the scribble brush, as functions for scenarios."""
+"""Actions of an artist with the scribble brush, as functions for scenarios."""
 
 import numpy as np
 from artist import WORK_SECONDS, Artist, addon
@@ -9,7 +9,7 @@ class Painter(Artist):
 
     @property
     def settings(self):
-        """What the scene remembers of solving."""
+        """Settings of solving in the scene."""
         return self.scene.relume_solve
 
     @property

@@ -10,7 +10,7 @@ thread_local! {
     static FOLDER: TempDir = tempfile::tempdir().expect("a folder");
 }
 
-/// As a texture.
+/// Decodes bytes of a picture as a texture.
 fn decode(bytes: &[u8]) {
     let Ok(picture) = PictureFile::decode(bytes) else { return };
     let texture = picture.into_texture("fuzzed".into(), FileColors::Srgb, Alpha::Premultiplied, None);

@@ -17,7 +17,7 @@ static BAKE: LazyLock<Relighter> = LazyLock::new(|| {
 fuzz_target!(|text: &str| {
     drop(LiveRequest::parse(text));
     let Ok(mut request) = SolveRequest::parse(text) else { return };
-    // What takes long is asked for rightly.
+    // Requests may rightly take long, so their options are cut.
     let options = &mut request.options;
     (options.starts, options.candidates) = (options.starts.min(2), options.candidates.min(2));
     (options.steps, options.polish) = (options.steps.min(2), options.polish.min(1));

@@ -1,4 +1,4 @@
-//! What a scene from a file of any bytes must stand.
+//! Steps that a scene from a file of any bytes must stand.
 
 use relume_dump::MemoryWriter;
 use relume_session::scene::Scene;

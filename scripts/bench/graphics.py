@@ -17,7 +17,7 @@ from markdown import rows
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "docs/bench"
 GOALS = json.loads((ROOT / "rust/bench/src/goals.json").read_text())
-"""What an H200 is to reach, beside the paper's figures; `relume-bench` puts the same beside its records."""
+"""Goals of an H200, beside the paper's figures; `relume-bench` puts the same beside its records."""
 QUALITY = {"psnr": "dB", "smape": "", "ssim": "", "flip": ""}
 """Measures of the paper's table 2, and units."""
 TESTS_UNFINISHED = 3
@@ -42,7 +42,7 @@ def goal_of(name):
 
 
 def measure_quality(device, options, out):
-    """What `scripts/quality.py` finds where this device trains."""
+    """Results of `scripts/quality.py` where this device trains."""
     command = [sys.executable, ROOT / "scripts/quality.py", "--device", device, "--out", out, *shlex.split(options)]
     subprocess.run([str(word) for word in command], check=True)
     return json.loads((out / "quality.json").read_text())
@@ -93,7 +93,7 @@ def line(record):
 
 
 def figure_of(goal, records):
-    """What a machine has reached of a goal: the first of its figures that there is."""
+    """Figure that a machine has reached of a goal: the first of its figures that there is."""
     found = (record for name in goal["names"] for record in records if record["name"].startswith(name))
     record = next(found, None)
     return f"{record['value']:.4g} {record['unit']}".rstrip() if record else "not measured"
@@ -119,7 +119,7 @@ def goals_table(machines):
 
 
 def table(folder):
-    """What `docs/bench/README.md` says: goals, and a row for each figure, a column for each kept machine."""
+    """Table of `docs/bench/README.md`: goals, and a row for each figure, a column for each kept machine."""
     files = [path for path in sorted(folder.glob("*.json")) if path.stem not in ("cases", "house")]
     machines = {path.stem: json.loads(path.read_text()) for path in files}
     cards = {name: records for name, records in machines.items() if "llvmpipe" not in records[0]["adapter"]}

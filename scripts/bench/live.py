@@ -109,7 +109,7 @@ def main():
     others = os.getloadavg()[0]
     bpy.ops.wm.open_mainfile(filepath=str(args.blend))
     label = f"{args.blend.stem}, {args.width} x {args.height}"
-    # Of a light that moves: issue 4, "Times in a benchmark".
+    # Goal for a light that moves: issue 4, "Times in a benchmark".
     move_goal = 200 if args.device == "cpu" else 16
     records = []
 

@@ -28,7 +28,7 @@ def others(record):
 
 
 def page(folder):
-    """What the README of a folder of kept figures says: a row for each figure, a column for each machine."""
+    """README of a folder of kept figures: a row for each figure, a column for each machine."""
     machines = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
     goals = {}
     for record in (record for records in machines.values() for record in records):

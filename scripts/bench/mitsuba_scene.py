@@ -39,7 +39,7 @@ class MitsubaScene:
         self.meshes, self.textures, self.materials = [], [], []
 
     def warn(self, message):
-        """What Relume's export leaves out is left out here as well."""
+        """Drops warnings: whatever Relume's export leaves out is left out here as well."""
 
     def add_mesh(self, name, positions, corner_verts, face_starts, **attributes):
         """One PLY file for each material slot; numbers of slots and their files."""

@@ -1,4 +1,4 @@
-"""What the overlay costs on this machine's graphics, and whether the proxy's head should run there. Needs the Python of
+"""Times of the overlay on this machine's graphics, and whether the proxy's head should run there. Needs the Python of
 Blender 5.2, whose `gpu` works without a window: .venv-5.2/bin/python scripts/bench/overlay.py
 
 The head in question: fast network, 64 wide, two hidden layers, one light, without its analytic features and sums, which

@@ -67,11 +67,8 @@ def add_light(name, kind, location, target, energy, color, **settings):
     return light
 
 
-def build():
-    """The scene, in the file that is open."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.preferences.addon_enable(module="cycles")
-    primitives = bpy.ops.mesh
+def add_materials():
+    """Adds all materials; those of the room, and those of the still life."""
     plaster = material("Plaster", Base_Color=(0.72, 0.69, 0.64, 1.0), Roughness=0.9)
     blue = material("Blue wall", Base_Color=(0.12, 0.22, 0.42, 1.0), Roughness=0.8)
     floor = textured("Floor", checker("Checker", 64, (0.10, 0.07, 0.05), (0.55, 0.46, 0.36)), Roughness=0.35)
@@ -79,7 +76,12 @@ def build():
     brass = material("Brass", Base_Color=(0.9, 0.62, 0.25, 1.0), Metallic=1.0, Roughness=0.22)
     glass = material("Glass", Base_Color=(0.95, 0.98, 1.0, 1.0), Roughness=0.02, IOR=1.45, Transmission_Weight=1.0)
     jade = material("Jade", Base_Color=(0.1, 0.5, 0.25, 1.0), Roughness=0.3, Coat_Weight=0.6)
+    return (floor, plaster, blue), (clay, glass, brass, jade)
 
+
+def add_room(floor, plaster, blue):
+    """Adds the floor and two walls."""
+    primitives = bpy.ops.mesh
     add(primitives.primitive_plane_add, "Floor", floor, smooth=False, size=6.0)
     add(
         primitives.primitive_plane_add,
@@ -99,6 +101,11 @@ def build():
         location=(-2.6, 0, 2.9),
         rotation=(0, math.pi / 2, 0),
     )
+
+
+def add_still_life(clay, glass, brass, jade):
+    """Adds what stands on the floor."""
+    primitives = bpy.ops.mesh
     monkey = add(
         primitives.primitive_monkey_add,
         "Suzanne",
@@ -139,6 +146,9 @@ def build():
         location=(-1.5, 1.2, 0.75),
     )
 
+
+def add_lights():
+    """Adds three lights of different types."""
     add_light(
         "Key", "AREA", (2.2, -2.0, 3.0), (0, 0.3, 0.6), 160, (1.0, 0.86, 0.7), shape="RECTANGLE", size=1.4, size_y=0.8
     )
@@ -163,12 +173,20 @@ def build():
         spot_size=math.radians(50),
         spot_blend=0.4,
     )
+
+
+def add_camera():
+    """Adds the camera."""
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.location = (1.3, -4.6, 2.0)
     camera.rotation_euler = (Vector((-0.1, 0.3, 0.7)) - camera.location).to_track_quat("-Z", "Y").to_euler()
     camera.data.lens = 40
     bpy.context.collection.objects.link(camera)
+    return camera
 
+
+def set_up(camera):
+    """Sets the scene up: its camera, render settings and world."""
     scene = bpy.context.scene
     scene.camera = camera
     scene.render.engine = "CYCLES"
@@ -179,6 +197,17 @@ def build():
     scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.02, 0.025, 0.035, 1.0)
     scene.cycles.max_bounces = 8
     scene.cycles.sample_clamp_indirect = 0.0
+
+
+def build():
+    """Builds the scene in the file that is open. Its bytes depend on the order."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.preferences.addon_enable(module="cycles")
+    of_room, of_still_life = add_materials()
+    add_room(*of_room)
+    add_still_life(*of_still_life)
+    add_lights()
+    set_up(add_camera())
 
 
 def main():

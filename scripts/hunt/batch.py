@@ -98,7 +98,7 @@ class Hunt:
         return range(self.kind.columns), range(self.kind.rows)
 
     def choices(self, scene, number):
-        """What a shot consists of: pairs of words and what does it."""
+        """Choices that a shot consists of: pairs of words and the function that makes each."""
         return list(self.kind.make.choices(scene, self.random(number), self.palette))
 
     def place(self, number):
@@ -107,7 +107,7 @@ class Hunt:
         return number % self.kind.columns, number // self.kind.columns
 
     def part(self, number, numbers, picture, scene):
-        """What a picture of some rounds shows of one."""
+        """Part of a picture of some rounds that shows one."""
         if not isinstance(self.kind, Cards):
             return measure.region(picture, scene.render)
         columns, rows = self.grid(numbers)
@@ -116,7 +116,7 @@ class Hunt:
         return picture[top : top + size, left : left + size]
 
     def is_about(self, number, warning):
-        """Whether a warning names what is in a round."""
+        """True if a warning names what is in a round."""
         return not isinstance(self.kind, Cards) or f"'{self.title(number)}'" in warning
 
     def confirm(self, number):
@@ -132,7 +132,7 @@ class Hunt:
         return fault
 
     def minimal(self, number, fault):
-        """What is left of a failing round when all is gone without which it fails in the same way, in lines."""
+        """Rest of a failing round, in lines, when all is gone without which it fails in the same way."""
         return (self.minimal_tree if isinstance(self.kind, Cards) else self.minimal_shot)(number, fault)
 
     def minimal_shot(self, number, fault):
@@ -179,7 +179,7 @@ class Hunt:
         ]
 
     def edited(self, number, edits):
-        """What makes the tree of a round that was built simpler."""
+        """Function that makes the tree of a built round simpler."""
 
         def change():
             tree = self.tree(number)
@@ -190,7 +190,7 @@ class Hunt:
         return change
 
     def still_fails(self, number, fault, **simpler):
-        """Whether a simpler form of a round fails in the same way."""
+        """True if a simpler form of a round fails in the same way."""
         try:
             found = self.compare([number], **simpler).get(number, {"fault": None})
         except Exception as error:
@@ -250,7 +250,7 @@ def is_refusal(error):
 
 
 def last_line(error):
-    """What an exception says, with where it was raised."""
+    """Message of an exception, with where it was raised."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(frame.filename).name}:{frame.lineno})"
 

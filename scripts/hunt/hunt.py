@@ -39,7 +39,7 @@ class Hunt(NamedTuple):
         return ROOT / "out/hunt" / self.version
 
     def command(self, number):
-        """What plays a round alone."""
+        """Command line that plays a round alone."""
         left_out = f" --without {' '.join(self.without)}" if self.without else ""
         words = f"--version {self.version} --kinds {self.kind} --seed {self.seed} --round {number}"
         return f'make hunt HUNT="{words}{left_out}"'
@@ -89,7 +89,7 @@ def play_pictures(hunt, pictures):
 
 
 def told(hunt, process, log):
-    """What a process says, line by line; it is ended where it says nothing for too long."""
+    """Lines of a process as they come; it is ended where it says nothing for too long."""
     watch = None
     for line in process.stdout:
         if not line.startswith("HUNT "):

@@ -1,4 +1,4 @@
-"""What is hunted: each kind makes rounds, and a round is one random thing."""
+"""Kinds of hunts: each kind makes rounds, and a round is one random thing."""
 
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ class Cards(NamedTuple):
     cell: int
     """Pixels of a cell's side."""
     samples: int
-    """Of each of the four pictures."""
+    """Samples of each of the four pictures."""
 
     @property
     def in_a_picture(self):

@@ -1,10 +1,10 @@
-"""Whether two renderers agree, judged by means of blocks and by the noise that two pictures of each show."""
+"""Agreement of two renderers, judged by means of blocks and by the noise that two pictures of each show."""
 
 import numpy as np
 
 BLOCK = 8
 LIMIT = 0.08
-"""Of a block's difference, relative to its brighter value."""
+"""Limit of a block's difference, relative to its brighter value."""
 
 ERRORS = 4.0
 """How many standard errors a difference must exceed."""
@@ -21,8 +21,8 @@ def block_means(image, fold=np.mean):
 
 
 def standard_error(pair):
-    """Of the block means of the mean of two pictures, from their differences in single pixels; and at least what the
-    brightest pixel is of a block, since neither picture may hold the rare path that lights another one."""
+    """Standard error of the block means of the mean of two pictures, from their differences in single pixels; and at
+    least the brightest pixel's share of a block: neither picture may hold the rare path that lights another one."""
     half = (np.asarray(pair[0], np.float64) - pair[1]) / 2
     rare = block_means(np.abs(np.mean(np.asarray(pair, np.float64), axis=0)), np.max) / BLOCK**2
     return np.maximum(np.sqrt(block_means(half * half)) / BLOCK, rare)

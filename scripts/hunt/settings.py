@@ -94,7 +94,7 @@ def cycles_values(rng):
 
 
 def render_values(rng):
-    """What Blender does around a render."""
+    """Settings of Blender's work around a render."""
     return {
         "use_freestyle": True,
         "use_compositing": True,

@@ -5,7 +5,7 @@ import math
 import bpy
 
 NAMES = ("", "Col", "f", "vec", "UVMap", "Second", "prop", "missing")
-"""Of attributes, UV maps and custom properties; `stage.card_mesh` makes all but `missing`."""
+"""Names of attributes, UV maps and custom properties; `stage.card_mesh` makes all but `missing`."""
 
 GROUP_SOCKETS = ("Float", "Float", "Color", "Color", "Vector", "Vector", "Int", "Bool")
 CHANCE = {

@@ -33,12 +33,12 @@ OUT = REPOSITORY / "out" / "window"
 FIGURES = OUT.with_suffix(".json")
 PYTHON = REPOSITORY / ".venv-4.2" / "bin" / "python"
 SCREEN = "1280x720"
-"""Of scenarios that do not say their own. To draw a view on software OpenGL takes as long as it has pixels: half a
+"""Size of scenarios that do not say their own. To draw a view on software OpenGL takes as long as it has pixels: half a
 second in a window of 1920 x 1080."""
 SMALL_DISK = "4m"
 MAPS = Path("/proc/sys/vm/max_map_count")
 MAPS_NEEDED = 2**22
-"""Of memory, of a process: Mesa's Vulkan on the processor makes one for every set of descriptors, of which Blender
+"""Memory maps of a process: Mesa's Vulkan on the processor makes one for every set of descriptors, of which Blender
 takes hundreds a redraw and gives none back while it runs."""
 NEWEST = "sid"  # Debian unstable
 OLDEST_BLENDER = (5, 2)
@@ -61,11 +61,11 @@ class Part:
 
     @property
     def name(self):
-        """What its files and figures begin with."""
+        """Start of the names of its files and figures."""
         return self.scenario.stem + (f"-{self.library}" if self.library != "opengl" else "")
 
     def constant(self, name, otherwise):
-        """What the scenario says in a constant: NEEDS, the scenes; EVERY_TIME, if it is played where none is named;
+        """Value of a constant of the scenario: NEEDS, the scenes; EVERY_TIME, if it is played where none is named;
         BY_NAME, if it measures and is played only when it is named; FIRST, if it takes longest, so that others are
         played beside it; ON_VULKAN, if it is played there too; SCREEN, its size; SIMULATES_EVENTS, without which
         Blender takes those of the X server."""
@@ -142,7 +142,7 @@ class Room:
 
 @functools.cache
 def may_mount():
-    """Whether this process may make a mount namespace; many containers may not."""
+    """True if this process may make a mount namespace; many containers may not."""
     trial = ["unshare", "--mount", "mount", "-t", "proc", "proc", "/proc"]
     return subprocess.run(trial, stderr=subprocess.DEVNULL).returncode == 0
 
@@ -193,7 +193,7 @@ def check_blender(room, oldest):
 
 
 def install_extension(room):
-    """As an artist does, from the zip; the settings of the user are kept for the windows that follow."""
+    """Installs the extension from the zip, as an artist does; the user's settings are kept for the next windows."""
     extension = zip_for_this_machine(REPOSITORY / "build" / "extension")
     if extension is None:
         sys.exit("window: build/extension has no zip for this machine; run make extension-linux")
@@ -203,7 +203,7 @@ def install_extension(room):
     status = room.call("blender", "--background", "--python-exit-code", "1", "--python", *script, log=log, seconds=120)
     if status != 0:
         sys.exit(f"window: the extension cannot be installed (status {status}):\n{log.read_text()[-2000:]}")
-    # What a person's Blender starts with.
+    # Settings that a person's Blender starts with.
     shutil.copytree(room.folder / "user", room.folder / "installed")
 
 
@@ -223,7 +223,7 @@ def fetch_scene(room, name):
 
 
 def may_lack_scenes():
-    """Whether scenarios may be skipped because their scenes are not on this machine."""
+    """True if scenarios may be skipped because their scenes are not on this machine."""
     is_meant = os.environ.get("RELUME_WITHOUT_SCENES") == "1" and not SCENES.is_dir()
     return not os.environ.get("CI") or is_meant
 

@@ -4,7 +4,7 @@
 
 const FEATURES: u32 = 11u;
 
-// What the features need of a pixel, as `Surface` of `analytic.rs`.
+// What the features need of a pixel, as `PixelSurface` of `analytic.rs`.
 struct Surface { position: vec3f, normal: vec3f, mirror: vec3f }
 
 // A vector and its derivative.

@@ -3,7 +3,7 @@
 
 @group(0) @binding(2) var<storage, read> params: array<vec4f>;
 
-/// What a workgroup computes: layers from `first` on, of each the rows from `row` to `end`, of 64 columns.
+/// Work of a workgroup: layers from `first` on, of each the rows from `row` to `end`, of 64 columns.
 struct Task {
     first: u32,
     row: u32,
@@ -94,7 +94,7 @@ fn trunk_place(batch: Batch, first: u32, row: u32, sample: u32) -> u32 {
     return (first + row * row_stride(batch, PIXELS) + pixel_of(batch, sample)) / 4u;
 }
 
-/// What follows a product: modulation, bias, ReLU.
+/// Values of a layer from its product: modulation, bias, ReLU.
 fn finished(layer: Layer, batch: Batch, row: u32, column: u32, own_product: vec4f) -> vec4f {
     var value = own_product;
     switch layer.finish {

@@ -15,20 +15,20 @@ struct Layer {
     output: u32,
     d_product: u32,
     d_input: u32,
-    /// What follows the product: FINISH_*.
+    /// Kind of step after the product: FINISH_*.
     finish: u32,
-    /// Of a modulated layer, first scale (its shifts follow), and its product before modulation; where the product
+    /// First scale of a modulated layer (its shifts follow), and its product before modulation; where the product
     /// is added to a modulated trunk, that trunk.
     modulation: u32,
     product: u32,
-    /// What precedes the input: BEFORE_*; then the modulation of the layer before, the gradient by it, its product or its
-    /// trunk.
+    /// Kind of step before the input: BEFORE_*; then the modulation of the layer before, the gradient by it, its product or
+    /// its trunk.
     before: u32,
     before_modulation: u32,
     before_d_modulation: u32,
     before_product: u32,
-    /// Of a layer over samples whose input is not kept by sample: rows of its pixel, which begin at `input`, and where those
-    /// of its light, which come after them, begin. Of others NOTHING.
+    /// Rows of a pixel, which begin at `input`, and where those of its light begin, which come after them: of a layer over
+    /// samples whose input is not kept by sample. Of others NOTHING.
     pixel_rows: u32,
     light_rows: u32,
 }

@@ -7,7 +7,7 @@ struct Muon {
     size: u32,
     stride: u32,
     matrices: u32,
-    /// Of the four squares: `to = factor * left * right + share * plus`, with `right` turned or not.
+    /// Indices among the four squares: `to = factor * left * right + share * plus`, with `right` turned or not.
     left: u32,
     right: u32,
     turned: u32,

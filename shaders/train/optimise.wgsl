@@ -125,7 +125,7 @@ fn gram(place: vec2u) -> mat4x4f {
     return sum;
 }
 
-/// Of GRAM times a square.
+/// Four by four values of GRAM times a square.
 fn product(right: u32, place: vec2u) -> mat4x4f {
     var sum = mat4x4f();
     if place.y < QUADS {

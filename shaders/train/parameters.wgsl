@@ -22,13 +22,13 @@ struct Progress {
     loss_sum: f32,
     /// Steps since then, those that had no effect left out.
     steps: u32,
-    /// Whether a loss or a gradient was not finite. From then on steps have no effect.
+    /// 1 if a loss or a gradient was not finite. From then on steps have no effect.
     diverged: u32,
     /// One more than a pixel with a target that is not finite; 0 if there was none.
     bad_target: u32,
 }
 
-/// Whether it is a number. Fast arithmetic may take `x == x` for granted, bits it may not.
+/// True if `x` is finite. Fast arithmetic may take `x == x` for granted, bits it may not.
 fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }

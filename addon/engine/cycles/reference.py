@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...core import metrics
-from ..reading.render_depsgraph import WITHOUT_EFFECTS
+from ...export.left_out import WITHOUT_EFFECTS
 from .mix import write_mix
 from .render import read_picture, set_up
 

@@ -18,6 +18,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...export.camera import why_no_picture
+from ...export.left_out import WITHOUT_EFFECTS
 from ...export.stop import ExportCancelled, Stop
 from ...export.view_layer import render_layer
 
@@ -27,9 +28,6 @@ POLL_SECONDS = 0.01
 SWITCH_SECONDS = 0.0002
 """Longest time that Blender's window waits for Python while the work runs on another thread. Python's own 5 ms add up
 to a standstill, because every panel waits anew."""
-WITHOUT_EFFECTS = {"use_sequencer": False, "use_compositing": False, "use_freestyle": False}
-"""Render settings without what Blender does to a picture once it is rendered. Freestyle would crash where there is
-none, and file output nodes would write over the artist's files."""
 
 
 class RelumeExportEngine(bpy.types.RenderEngine):
@@ -48,8 +46,9 @@ standing: type[bpy.types.RenderEngine] | None = None
 """The add-on's own engine while it is registered, whose `render` begins with `run_waiting`."""
 _waiting: list[RenderTask[Any]] = []
 """Tasks that the next renders of their copies are to run."""
-_copies: dict[int, bool] = {}
-"""Session uids of all copies; True while one is being read. Undo can bring a copy back that was removed."""
+_copies: dict[int, RenderTask[Any] | None] = {}
+"""Tasks by the session uids of their copies; None once a copy was read. Undo can bring a copy back that was
+removed."""
 _last_slot: int | None = None
 """Render slot of the last picture that Blender has rendered, if it is known."""
 
@@ -74,6 +73,8 @@ class RenderTask(Generic[Result]):
         self.copy_uid: int | None = None
         self.work = work
         self.started = self.cancelled = False
+        self.is_displaced = False
+        """True if another render has taken the place of this one, such as F12."""
         self._outcome: list[Result] = []
         self._error: BaseException | None = None
 
@@ -199,30 +200,33 @@ def _copied(scene: bpy.types.Scene, task: RenderTask[Any], engine: str) -> Itera
     if render.engine != engine:  # Blender begins all views anew, also those of other scenes.
         render.engine = engine
     task.copy_uid = copy.session_uid
-    _copies[task.copy_uid] = True
+    _copies[task.copy_uid] = task
     _waiting.append(task)
     try:
         yield copy
     finally:
         if task in _waiting:
             _waiting.remove(task)
-        _copies[task.copy_uid] = False
+        _copies[task.copy_uid] = None
         remove_copies()
 
 
 def remove_copies() -> None:
     """Removes copies of scenes that are not being read. To be called after undo, which can bring them back."""
     for scene in list(bpy.data.scenes):
-        if _copies.get(scene.session_uid) is False:
+        if _copies.get(scene.session_uid, ...) is None:
             bpy.data.scenes.remove(scene)
 
 
 @persistent
-def note_render_slot(*_arguments) -> None:
-    """Remembers the slot of a picture that Blender begins to render. A handler of `render_init`."""
+def on_render_init(scene: bpy.types.Scene, *_arguments) -> None:
+    """Remembers the slot of a picture that Blender begins to render, and which readings had to end for it."""
     global _last_slot
     image = _render_result()
     _last_slot = image.render_slots.active_index if image is not None else None
+    for uid, task in _copies.items():
+        if task is not None and uid != scene.session_uid:
+            task.is_displaced = True
 
 
 @contextmanager

@@ -202,7 +202,7 @@ class SceneLights:
             if shown.matrix is not None:
                 self._instancers |= {owner.session_uid, light.session_uid}
                 is_rendered = instancers.renders(owner, shown.which, light, rendered.__contains__)
-            # Of what the eye of a collection hides Blender tells here all the same.
+            # Blender tells here of objects that the eye of a collection hides, too.
             is_seen = shown.is_shown and owner.visible_get(view_layer=layer)
             if is_seen and is_rendered and owner in rendered and not _is_replaced(owner):
                 key, entry = self._found(shown)

@@ -129,7 +129,7 @@ class Shot:
     def begin_reading(self, scene: bpy.types.Scene) -> bool:
         """Begins to read the scene in a window, if that was asked for; returns True if it did. Blender's operator that
         begins a render takes its time, and should have a tick to itself."""
-        if not self.is_reading or self._task is not None:
+        if not self.is_reading or self._task is not None or bpy.app.is_job_running("RENDER"):
             return False
         self._load(scene)
         return True
@@ -146,9 +146,11 @@ class Shot:
         )
 
     def _exported(self, exported: Any, error: BaseException | None, settings: dict[str, Any]) -> None:
-        self._task = None
+        task, self._task = self._task, None
         if not self.is_open:
             return
+        if isinstance(error, ExportCancelled) and task is not None and task.is_displaced and not task.cancelled:
+            return  # The scene is read again after the other render.
         try:
             if error is not None:
                 raise error

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 
-if TYPE_CHECKING:
-    from .exporter import Translation
-    from .graph import Context
-
-Translate = Callable[["Translation", "bpy.types.Node", "Context"], "int | None"]
+from .graph import Context
+from .translation import TranslateClosure, Translation
 
 WHITE = [1.0, 1.0, 1.0]
 
@@ -84,7 +80,7 @@ def distribution(t: Translation, node: bpy.types.Node) -> str:
     return known.get(name, "ggx")
 
 
-def _simple(kind: str, *fields: tuple[str, str, Any], microfacet: bool = False) -> Translate:
+def _simple(kind: str, *fields: tuple[str, str, Any], microfacet: bool = False) -> TranslateClosure:
     """A closure whose fields are sockets."""
 
     def translate(t: Translation, node: bpy.types.Node, context: Context) -> int:
@@ -155,7 +151,7 @@ def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int | N
     return _simple("glossy", *fields, microfacet=True)(t, node, context)
 
 
-CLOSURES: dict[str, Translate] = {
+CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeBsdfPrincipled": _principled,
     "ShaderNodeBsdfDiffuse": _diffuse,
     "ShaderNodeBsdfAnisotropic": _simple(
@@ -178,7 +174,7 @@ CLOSURES: dict[str, Translate] = {
     "ShaderNodeAddShader": _add,
 }
 
-FALLBACK_CLOSURES: dict[str, tuple[str, Translate]] = {
+FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
     "ShaderNodeBsdfMetallic": ("glossy in its base colour", _metallic),
     "ShaderNodeSubsurfaceScattering": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfSheen": ("diffuse", _smooth_diffuse),

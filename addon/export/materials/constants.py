@@ -10,8 +10,9 @@ import bpy
 
 from ...core.blackbody import blackbody_color
 from .closures import CLOSURES
-from .exporter import Translation
+from .exporter import TABLES
 from .graph import NUMBERS, Context, Source, Value
+from .translation import Translation
 
 ConstantEmission = Callable[[str], tuple[list[float] | None, int | None]]
 """`relume.SceneBuilder.constant_emission`."""
@@ -51,7 +52,7 @@ class ConstantTranslation(Translation):
         """`light_path` gives the value of an output of the Light Path node, if it is the same for all that the light
         meets."""
         images: Any = None  # Images vary.
-        super().__init__(None, images, None, "")
+        super().__init__(None, images, TABLES, None, "")
         self.glow = 0.1 if bpy.app.version < (4, 5, 0) else 1.0
         self.compute = compute
         self.light_path = light_path

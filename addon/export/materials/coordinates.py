@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 
-if TYPE_CHECKING:
-    from .exporter import Translation
-    from .graph import Source
+from .graph import Source
+from .translation import Translation
 
 AXES = {"X": "x", "Y": "y", "Z": "z"}
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 
 from .coordinates import texture_vector
-from .graph import IS_INLINED
-
-if TYPE_CHECKING:
-    from .exporter import Translation
-    from .graph import Source
-    from .values import Translate
+from .graph import IS_INLINED, Source
+from .translation import TranslateValue, Translation
 
 OUTPUTS = {
     "Fac": "factor",
@@ -50,7 +46,7 @@ def _correct_bricks(t: Translation, node: bpy.types.Node, values: dict[str, Any]
         t.warn(f"node '{node.name}': bricks of no width or height differ from Cycles; give them one")
 
 
-def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
+def _texture(name: str, sockets: str, settings: dict[str, str]) -> TranslateValue:
     """A texture with the fields `sockets`, named like Blender's sockets, and `settings` as field -> attribute."""
 
     def translate(t: Translation, source: Source) -> Any:
@@ -76,7 +72,7 @@ def _texture(name: str, sockets: str, settings: dict[str, str]) -> Translate:
     return translate
 
 
-TEXTURES: dict[str, Translate] = {
+TEXTURES: dict[str, TranslateValue] = {
     "ShaderNodeTexNoise": _texture(
         "noise",
         "w scale detail roughness lacunarity offset gain distortion",

@@ -3,21 +3,16 @@ link `{"node", "output"}` or a constant."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import bpy
 
 from .coordinates import texture_vector
-from .graph import IS_INLINED, convert
+from .graph import IS_INLINED, Source, convert
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
+from .translation import TranslateValue, Translation
 
-if TYPE_CHECKING:
-    import bpy
-
-    from .exporter import Translation
-    from .graph import Source
-
-Translate = Callable[["Translation", "Source"], Any]
 Field = tuple[str, str | int, Any]
 
 FACTOR = "\tfactor"
@@ -28,7 +23,9 @@ UP = [0.0, 0.0, 1.0]
 INTERPOLATION = {"Linear": "linear", "Closest": "closest", "Cubic": "cubic", "Smart": "cubic"}
 
 
-def _simple(kind: str, output: str, *fields: Field, properties: dict[str, tuple[str, Any]] | None = None) -> Translate:
+def _simple(
+    kind: str, output: str, *fields: Field, properties: dict[str, tuple[str, Any]] | None = None
+) -> TranslateValue:
     """A node whose fields are sockets, and properties given as field -> (attribute, conversion)."""
 
     def translate(t: Translation, source: Source) -> Any:
@@ -46,7 +43,7 @@ def _simple(kind: str, output: str, *fields: Field, properties: dict[str, tuple[
     return translate
 
 
-def _outputs(translate: Translate, names: dict[str, str]) -> Translate:
+def _outputs(translate: TranslateValue, names: dict[str, str]) -> TranslateValue:
     """Translation of the same node with an output of its own for each socket identifier."""
 
     def with_output(t: Translation, source: Source) -> Any:
@@ -201,7 +198,7 @@ def _components(t: Translation, value: Any) -> list[Any]:
     return [{"node": separate, "output": axis} for axis in "xyz"]
 
 
-def _separate(mode: str | None, *names: str) -> Translate:
+def _separate(mode: str | None, *names: str) -> TranslateValue:
     """Separate nodes: the color models of old and new ones, and their output sockets in order."""
 
     def translate(t: Translation, source: Source) -> Any:
@@ -214,7 +211,7 @@ def _separate(mode: str | None, *names: str) -> Translate:
     return translate
 
 
-def _combine(mode: str | None) -> Translate:
+def _combine(mode: str | None) -> TranslateValue:
     def translate(t: Translation, source: Source) -> Any:
         def description() -> dict[str, Any]:
             a, b, c = (t.value(source.node, index, source.context) for index in range(3))
@@ -404,7 +401,7 @@ def _bevel(t: Translation, source: Source) -> Any:
     return normal or {"node": t.once(source, lambda: {"type": "geometry"}), "output": "normal"}
 
 
-def _first_input(feature: str) -> Translate:
+def _first_input(feature: str) -> TranslateValue:
     """Nodes that change their input in a way that is not supported: the input itself is the nearest thing."""
 
     def translate(t: Translation, source: Source) -> Any:
@@ -414,7 +411,7 @@ def _first_input(feature: str) -> Translate:
     return translate
 
 
-VALUES: dict[str, Translate] = {
+VALUES: dict[str, TranslateValue] = {
     "ShaderNodeTexImage": _image_texture,
     **TEXTURES,
     "ShaderNodeTexCoord": _texture_coordinate,

@@ -66,7 +66,7 @@ class RELUME_PT_solve_target(RelumePanel, bpy.types.Panel):  # noqa: N801
 
 
 class RELUME_PT_solve_locks(RelumePanel, bpy.types.Panel):  # noqa: N801
-    """What solving may change, besides the locks of the rows, and how hard it tries"""
+    """Constraints of solving besides the locks of the rows, and how hard it tries"""
 
     bl_idname = "RELUME_PT_solve_locks"
     bl_label = "Constraints"

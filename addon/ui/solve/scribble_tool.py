@@ -117,7 +117,7 @@ class RELUME_OT_scribble(bpy.types.Operator):  # noqa: N801 -- Blender's naming
         aspect = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)
         try:
             points = core.thinned(json.loads(self.points), self.radius, aspect)
-            # What is kept must be readable again.
+            # Kept strokes must be readable again.
             (stroke,) = core.from_json(core.to_json([self._stroke(points)]))
             add_stroke(context.scene, stroke)
         except (core.StrokeError, ValueError, TypeError, IndexError) as error:

@@ -1,5 +1,5 @@
-"""What Blender does around a render does not reach a shot that is started: Freestyle would crash, a compositor would
-write files. Stereo is refused in words."""
+"""Blender's own steps around a render do not reach a shot that is started: Freestyle would crash, a compositor would
+write files. Stereo is refused in words. F12 during the reading comes first, then the scene is read again."""
 
 import bpy
 from artist import addon, settled
@@ -46,6 +46,21 @@ def play(driver):
         notes = " ".join(addon("engine.shot.shot").of(scene).notes)
         for words in ("Freestyle's lines", "the compositor"):
             driver.check(words in notes, f"{words} are among the notes: {notes}")
+
+    with driver.step("F12 while the scene is read"):
+        scene.render.use_compositing = scene.render.use_freestyle = False
+        scene.cycles.samples = 1
+        bpy.ops.mesh.primitive_grid_add(x_subdivisions=900, y_subdivisions=900, size=0.1, location=(50.0, 50.0, 50.0))
+        bpy.ops.relume.rebake()
+        shot = addon("engine.shot.shot").of(scene)
+        yield from driver.until(lambda: bpy.app.is_job_running("RENDER"), "the reading", 20)
+        begun = []
+        bpy.app.handlers.render_init.append(lambda scene, *_arguments: begun.append(scene.name))
+        bpy.ops.render.render("INVOKE_DEFAULT")
+        yield from settled(driver)
+        driver.check(begun[0] == scene.name and len(begun) == 2, f"F12 was first, then the reading: {begun}")
+        driver.check(addon("engine.shot.shot").of(scene) is shot and shot.is_stored, "the bake was made")
+        driver.check(list(bpy.data.scenes) == [scene], "no copy is left")
 
 
 def write_files(scene, folder):

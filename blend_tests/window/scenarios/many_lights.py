@@ -102,5 +102,5 @@ def play(driver):
 
 
 def names(artist):
-    """What is lit."""
+    """Names of the lights that are read."""
     return {light["name"] for light in artist.shot.lights.descriptions}

@@ -1,4 +1,4 @@
-"""What artists do that nobody planned for, while Relume is at work: a clear word, nothing lost, no crash."""
+"""Actions that nobody planned for, while Relume is at work: a clear word, nothing lost, no crash."""
 
 import os
 import time
@@ -74,7 +74,7 @@ def pause(driver, artist):
 
 
 def stands_still(driver, artist):
-    """What was being traced may be finished, on a busy machine seconds later; then nothing is for three of them."""
+    """Waits until nothing was traced for three seconds; on a busy machine running samples may end seconds later."""
     samples, since = None, time.perf_counter()
 
     def is_still():
@@ -147,7 +147,7 @@ def delete(driver, artist):
 
 
 def changes(artist):
-    """What the panel says has changed since the bake."""
+    """Changes since the bake, as the panel says them."""
     return artist.shot.changes.sentences
 
 

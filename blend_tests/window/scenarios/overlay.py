@@ -71,7 +71,7 @@ def rectangle(driver, window=None):
 
 
 def shown(driver, name=None):
-    """What the screen shows in the camera's frame, 0..1, bottom row first."""
+    """Screen's pixels in the camera's frame, 0..1, bottom row first."""
     yield from driver.drawn()
     view_table = addon("viewport.view_table")
     yield from driver.until(lambda: view_table.is_complete(bpy.context.scene), "the view's table", 300)
@@ -81,7 +81,7 @@ def shown(driver, name=None):
 
 
 def displayed(driver, picture, name=None):
-    """What Blender shows of a frame's EXR, 0..1, bottom row first."""
+    """Blender's pixels of a frame's EXR, 0..1, bottom row first."""
     path = driver.scratch / "frame.exr"
     write_exr(path, picture.image)
     read = read_exr(path)
@@ -125,7 +125,7 @@ def check_view(driver, name, view):
 
 
 def check_working_spaces(driver):
-    """The same in a file that has another scene-linear space than Linear Rec.709."""
+    """Checks views in a file that has another scene-linear space than Linear Rec.709."""
     for space, views in {"ACEScg": SOME_VIEWS, "Linear Rec.709": {}}.items():
         bpy.ops.wm.set_working_color_space(working_space=space, convert_colors=False)
         driver.check(bpy.data.colorspace.working_space == space, f"the file is in {space}")

@@ -30,12 +30,12 @@ def show_other_things(scene):
 
 
 def come_late(*_arguments):
-    """What another add-on may do on the thread of a render, before its settings are copied."""
+    """Delays a render on its thread before its settings are copied, as another add-on may."""
     time.sleep(LATE_SECONDS)
 
 
 def settings_of(scene):
-    """What is switched while a scene is read."""
+    """Settings that are switched while a scene is read."""
     render = scene.render
     return render.engine, render.filepath, render.use_sequencer, render.use_compositing, len(scene.view_layers)
 

@@ -16,7 +16,7 @@ EVERY_TIME = True
 
 
 def has_pass(found, name):
-    """Whether there is a picture of a pass."""
+    """True if there is a picture of a pass."""
     return found.picture_of(name) is not found.picture
 
 
@@ -35,24 +35,18 @@ def save_render(driver):
     return path
 
 
-def play(driver):
-    """See the first lines of this file."""
-    yield from driver.open("demo.blend")
-    yield from driver.look_through_camera()
-    scene, view = bpy.context.scene, driver.view.spaces.active
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 320, 180, 100
-    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
-    scene.relume.quality, scene.relume.samples = "CUSTOM", 4
-    scene.relume.folder = str(driver.scratch / "bake")
-    addon("engine.shot.options").preferences().train_seconds = 0.0
-    bpy.context.preferences.view.render_display_type = "NONE"
-    scene.render.engine = "RELUME"
-
+def render_without_bake(driver):
+    """Renders with F12 where nothing is baked; the picture."""
     with driver.step("F12 without a bake"):
         yield from rendered(driver)
         first = read_exr(save_render(driver))
         driver.check(first.max() > 0.0, "there is light in the picture")
+    return first
 
+
+def check_start(driver, first):
+    """Checks that Start keeps the last render, and shows the same picture."""
+    scene = bpy.context.scene
     with driver.step("start keeps the last render"):
         yield from driver.show_tab("Relume")
         bpy.ops.relume.start()
@@ -63,6 +57,10 @@ def play(driver):
         driver.check(off <= 1e-3, f"the picture at rest is the one of F12, but for rounding: off by {off:.1e}")
         driver.check(scene.render.engine == "RELUME", "the engine is the user's")
 
+
+def check_rendered(driver):
+    """Checks the shading Rendered against the overlay; the camera's part of a photograph, and the photograph."""
+    scene, view = bpy.context.scene, driver.view.spaces.active
     with driver.step("shading Rendered"):
         view.overlay.show_overlays = view.show_gizmo = False
         yield from driver.until(lambda: addon("viewport.view_table").is_complete(scene), "the view transform", 300)
@@ -73,13 +71,18 @@ def play(driver):
         shading = driver.photo("rendered").astype(float)
         frame = addon("viewport.camera_frame").frame_of(scene, scene.camera, driver.region(), view.region_3d)
         left, top = driver.region().x + int(frame.left) + 4, overlay.shape[0] - driver.region().y - int(frame.top) + 4
-        # What the side bar says may change meanwhile.
+        # Text in the side bar may change meanwhile.
         side_bar = next(region.x for region in driver.view.regions if region.type == "UI")
         part = slice(top, top + int(frame.height) - 8), slice(left, min(left + int(frame.width) - 8, side_bar))
         difference = np.abs(overlay[part] - shading[part])
         driver.check(np.ptp(overlay[part]) > 50, "there is a picture")
         driver.check(difference.mean() < 1.0, f"Rendered is the overlay's picture: {difference.mean():.2f} of 255")
+    return part, shading
 
+
+def check_passes(driver, part, shading):
+    """Checks single passes in the shading Rendered, in a part of the window, against a photograph of the picture."""
+    scene, view = bpy.context.scene, driver.view.spaces.active
     with driver.step("single passes in the shading Rendered"):
         found, whole = addon("engine.shot.shot").of(scene), addon("engine.shot.shot").of(scene).picture.image
         lights = addon("core.pass_names").light_passes(light["name"] for light in found.lights.descriptions)
@@ -124,6 +127,10 @@ def play(driver):
         yield from settled(driver)
         scene.relume_view.shown, view.shading.type = True, "SOLID"
 
+
+def verify(driver):
+    """Verifies the picture, and shows the difference."""
+    scene = bpy.context.scene
     with driver.step("verify"):
         scene.relume_verify.samples = 16
         bpy.ops.relume.verify()
@@ -137,6 +144,10 @@ def play(driver):
         driver.photo("difference")
         bpy.ops.relume.verify_show(view="LIVE")
 
+
+def bake_in_background(driver):
+    """Bakes a moved camera in the background."""
+    scene = bpy.context.scene
     with driver.step("background"):
         scene.camera.location.x += 0.1
         bpy.ops.relume.background_start()
@@ -146,6 +157,10 @@ def play(driver):
         yield from settled(driver)
         driver.check(addon("engine.shot.shot").of(scene).folder == driver.scratch / "bake", "it is shown")
 
+
+def disable_in_render(driver):
+    """Disables the add-on while F12 bakes."""
+    scene = bpy.context.scene
     with driver.step("disabled while F12 bakes"):
         scene.camera.location.x += 0.1
         scene.relume.samples = 100_000
@@ -158,3 +173,24 @@ def play(driver):
         driver.record("F12 ends after disabling", seconds, "s")
         yield from driver.wait(1.0)
         driver.check(not hasattr(bpy.types.Scene, "relume_render"), "nothing is left")
+
+
+def play(driver):
+    """See the first lines of this file."""
+    yield from driver.open("demo.blend")
+    yield from driver.look_through_camera()
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 320, 180, 100
+    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
+    scene.relume.quality, scene.relume.samples = "CUSTOM", 4
+    scene.relume.folder = str(driver.scratch / "bake")
+    addon("engine.shot.options").preferences().train_seconds = 0.0
+    bpy.context.preferences.view.render_display_type = "NONE"
+    scene.render.engine = "RELUME"
+    first = yield from render_without_bake(driver)
+    yield from check_start(driver, first)
+    part, shading = yield from check_rendered(driver)
+    yield from check_passes(driver, part, shading)
+    yield from verify(driver)
+    yield from bake_in_background(driver)
+    yield from disable_in_render(driver)

@@ -13,7 +13,7 @@ def row(name):
 
 
 def undo(driver):
-    """As Ctrl+Z in the view does."""
+    """Undoes as Ctrl+Z in the view does."""
     with driver.within():
         bpy.ops.ed.undo()
     yield from driver.drawn()

@@ -42,7 +42,7 @@ def footprint():
 
 
 def switch(driver, on):
-    """As the tick box in the preferences does."""
+    """Enables or disables the add-on, as the tick box in the preferences does."""
     (bpy.ops.preferences.addon_enable if on else bpy.ops.preferences.addon_disable)(module=ADDON)
     yield from driver.drawn()
 

@@ -192,7 +192,7 @@ def paste_picture(driver, artist):
 
 
 def check_strokes(driver, artist, strokes, before):
-    """What strokes asked for is so in the picture in the view, where they were painted."""
+    """Checks that the picture in the view meets strokes where they were painted."""
     layers = addon("core.coverage").layers(strokes, SIZE)
     gains = {meaning.goal: artist.gain_since(before, layer) for meaning, layer in layers.items()}
     stops, kept = float(np.log2(gains["brighter"])), abs(gains["keep"] - 1.0)

@@ -31,14 +31,15 @@ def play(driver):
         yield from artist.until_settled()
         driver.photo("rebaked")
         driver.check(not missed(artist), f"paths look for the lamp in its new place: {artist.words()}")
-        # What is hardly met is missing rather than noisy: few paths hold all of its light, and denoising removes them.
+        # A lamp that is hardly met is missing rather than noisy: few paths hold all of its light, and denoising removes
+        # them.
         gain = beside_the_lamp(artist) / dim
         driver.record("light beside the lamp after a rebake, of that before", gain, "x")
         driver.check(gain > 1.05, f"its light is there: {gain:.3f} of what it was")
 
 
 def missed(artist):
-    """What the panel says of lights that few paths meet."""
+    """Words of the panel about lights that few paths meet."""
     return addon("core.status").out_of_sight(artist.shot.status)
 
 

@@ -16,16 +16,16 @@ use relume_trace::{Control, TraceSettings, Tracer};
 
 use crate::figure::{Figure, Limit};
 use crate::gather::on_gpu as gathers;
-use crate::networks::{self, Extent as NetworkExtent};
+use crate::networks::{self, NetworkExtent};
 use crate::scenes::closed_box;
-use crate::{Record, live, peak, records, solve};
+use crate::{FigureRecord, live, peak, records, solve};
 
 /// Numbers that the driver states, best rates of the device, and fixed costs of work on it.
-pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>> {
+pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<FigureRecord>> {
     let says = |property: relume_gpu::Property| {
-        Record::from(Figure::new(format!("driver: {}", property.name), property.value, ""))
+        FigureRecord::from(Figure::new(format!("driver: {}", property.name), property.value, ""))
     };
-    let mut records: Vec<Record> = gpu.properties().into_iter().map(says).collect();
+    let mut records: Vec<FigureRecord> = gpu.properties().into_iter().map(says).collect();
     let mut add = |name: &str, value: f64, unit| records.push(Figure::new(name, value, unit).into());
     let peaks = peak::measure_peaks(gpu)?;
     // A multiply-add is two operations.
@@ -52,7 +52,7 @@ pub fn limits(gpu: &Arc<Gpu>) -> Result<Vec<Record>> {
 
 /// Seconds from the first path to the first relit picture: one path a pixel is traced by the CPU and copied, a light
 /// is gathered, and its picture comes back. Kernels are compiled, as on the first use in a process.
-pub fn first_picture(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<Vec<Record>> {
+pub fn first_picture(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<Vec<FigureRecord>> {
     let scene = closed_box(size)?;
     let tracer = Tracer::new(&scene, &TraceSettings { samples: 1, ..TraceSettings::default() })?;
     let shape = LightShape::Sphere { center: Vec3::new(0.3, 0.2, 0.4), radius: 0.2 };
@@ -80,7 +80,7 @@ pub fn first_picture(gpu: &Arc<Gpu>, size: (usize, usize)) -> Result<Vec<Record>
 
 /// The strength of a light dragged among others that are known: all are summed up anew, and one picture comes back, which is the
 /// limit.
-pub fn edit(device: &Device, gpu: &Gpu, (width, height): (usize, usize)) -> Result<Vec<Record>> {
+pub fn edit(device: &Device, gpu: &Gpu, (width, height): (usize, usize)) -> Result<Vec<FigureRecord>> {
     let (seconds, bytes) = live::strength_edit(device, gpu, (width, height))?;
     let name = format!("strength of one of {} lights dragged, {width} x {height}", live::LIGHTS);
     let [_, read] = peak::transfers(gpu)?;
@@ -91,22 +91,22 @@ pub fn edit(device: &Device, gpu: &Gpu, (width, height): (usize, usize)) -> Resu
 }
 
 /// Gathers from a made-up room of one size on every card.
-pub fn gather(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Record>> {
+pub fn gather(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<FigureRecord>> {
     Ok(records(gathers::measure(gpu, megabytes)?))
 }
 
 /// Gathers of one light in a picture of this width and height with so many samples.
-pub fn paper_gather(gpu: &Arc<Gpu>, size: (usize, usize, usize)) -> Result<Vec<Record>> {
+pub fn paper_gather(gpu: &Arc<Gpu>, size: (usize, usize, usize)) -> Result<Vec<FigureRecord>> {
     Ok(records(gathers::measure_paper(gpu, size)?))
 }
 
 /// Inference, light steps and training of the usual networks.
-pub fn networks(gpu: &Arc<Gpu>, extent: NetworkExtent) -> Result<Vec<Record>> {
+pub fn networks(gpu: &Arc<Gpu>, extent: NetworkExtent) -> Result<Vec<FigureRecord>> {
     Ok(records(networks::device(gpu, extent)?))
 }
 
 /// A gather and the widest network with kernels that check their indices and loops, beside the same without.
-pub fn checks(gpu: &Gpu, megabytes: usize, extent: NetworkExtent) -> Result<Vec<Record>> {
+pub fn checks(gpu: &Gpu, megabytes: usize, extent: NetworkExtent) -> Result<Vec<FigureRecord>> {
     let measure = |checks: Checks| {
         let second = gpu.open_second(checks)?;
         let gather = gathers::seconds_of_a_light(&second, megabytes)?;
@@ -120,7 +120,7 @@ pub fn checks(gpu: &Gpu, megabytes: usize, extent: NetworkExtent) -> Result<Vec<
         ])
     };
     let [unchecked, checked] = [measure(Checks::Off)?, measure(Checks::On)?];
-    let record = |(unchecked, checked): (Figure, Figure)| Record {
+    let record = |(unchecked, checked): (Figure, Figure)| FigureRecord {
         peer: Some("without".into()),
         peer_value: Some(unchecked.value),
         ratio: Some(checked.value / unchecked.value),
@@ -130,7 +130,7 @@ pub fn checks(gpu: &Gpu, megabytes: usize, extent: NetworkExtent) -> Result<Vec<
 }
 
 /// One light solved in so many steps as in the paper's section 6.2, through the default network. The limit is that of its products.
-pub fn light(gpu: &Arc<Gpu>, (width, height): (usize, usize), steps: usize) -> Result<Vec<Record>> {
+pub fn light(gpu: &Arc<Gpu>, (width, height): (usize, usize), steps: usize) -> Result<Vec<FigureRecord>> {
     let config = TrainConfig::fast(SizeRange { min: 0.1, max: 0.5 });
     let features = Arc::new(SyntheticRoom::new(width, height).features());
     let trainer = Trainer::new(features, LightKind::Sphere, config, 1)?;

@@ -2,28 +2,28 @@ use std::sync::OnceLock;
 
 use serde::Deserialize;
 
-use crate::Record;
+use crate::FigureRecord;
 
 /// Goals on an NVIDIA H200, beside the paper's figures. `scripts/bench/graphics.py` makes a table of the same file.
 const GOALS: &str = include_str!("goals.json");
 
 /// A goal, for figures whose names begin with one of `names`.
 #[derive(Deserialize)]
-struct Goal {
+struct FigureGoal {
     names: Vec<String>,
     goal: Option<f64>,
     paper: Option<f64>,
 }
 
-fn goals() -> &'static [Goal] {
-    static GOALS_READ: OnceLock<Vec<Goal>> = OnceLock::new();
+fn goals() -> &'static [FigureGoal] {
+    static GOALS_READ: OnceLock<Vec<FigureGoal>> = OnceLock::new();
     // The tests read it.
     GOALS_READ.get_or_init(|| serde_json::from_str(GOALS).unwrap_or_default())
 }
 
 /// Puts the goal and the paper's figure beside a record, if there are such.
-pub fn compare(record: &mut Record) {
-    let is_its = |goal: &&Goal| goal.names.iter().any(|name| record.name.starts_with(name));
+pub fn compare(record: &mut FigureRecord) {
+    let is_its = |goal: &&FigureGoal| goal.names.iter().any(|name| record.name.starts_with(name));
     let Some(goal) = goals().iter().find(is_its) else { return };
     record.goal = goal.goal;
     if let Some(paper) = goal.paper {
@@ -63,11 +63,14 @@ mod tests {
 
     #[test]
     fn a_record_is_put_beside_the_paper() {
-        let mut record =
-            Record { name: inference_names("reference 256/8")[0].clone(), value: 1.5, ..Record::default() };
+        let mut record = FigureRecord {
+            name: inference_names("reference 256/8")[0].clone(),
+            value: 1.5,
+            ..FigureRecord::default()
+        };
         compare(&mut record);
         assert_eq!((record.goal, record.peer_value), (Some(3.0), Some(9.13)));
-        let mut other = Record { name: "plain read".into(), ..Record::default() };
+        let mut other = FigureRecord { name: "plain read".into(), ..FigureRecord::default() };
         compare(&mut other);
         assert_eq!((other.goal, other.peer), (None, None));
     }

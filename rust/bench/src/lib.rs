@@ -23,13 +23,13 @@ use relume_trace::{Control, TraceSettings, Tracer};
 
 use figure::Figure;
 use gather::on_gpu::PAPER;
-use networks::Extent as NetworkExtent;
-pub use record::Record;
+use networks::NetworkExtent;
+pub use record::FigureRecord;
 use record::today;
 use scenes::closed_box;
 
 /// A part of the benchmark: its name and what it does.
-struct Part<'a>(&'static str, Box<dyn Fn() -> Result<Vec<Record>> + 'a>);
+struct BenchPart<'a>(&'static str, Box<dyn Fn() -> Result<Vec<FigureRecord>> + 'a>);
 
 /// Choice of parts.
 #[derive(Clone, Debug, Default)]
@@ -115,8 +115,8 @@ impl Extent {
 pub fn bench(
     device: &Device,
     options: &BenchOptions,
-    keep: &mut dyn FnMut(&str, &[Record]) -> Result<()>,
-) -> Result<Vec<Record>> {
+    keep: &mut dyn FnMut(&str, &[FigureRecord]) -> Result<()>,
+) -> Result<Vec<FigureRecord>> {
     let compute = device.open(None)?;
     let mut parts = parts(device, &compute, Extent::new(&compute, options.trial));
     let only = &options.parts;
@@ -128,7 +128,7 @@ pub fn bench(
     parts.retain(|part| only.is_empty() || only.iter().any(|name| name == part.0));
     let adapter = compute.gpu.as_ref().map(|gpu| gpu.summary().name.clone());
     let mut all = Vec::new();
-    for Part(name, measure) in parts {
+    for BenchPart(name, measure) in parts {
         let mut records = measure()?;
         for record in &mut records {
             record.adapter.clone_from(&adapter);
@@ -146,33 +146,33 @@ pub fn bench(
     Ok(all)
 }
 
-fn parts<'a>(device: &'a Device, compute: &'a Compute, of: Extent) -> Vec<Part<'a>> {
+fn parts<'a>(device: &'a Device, compute: &'a Compute, of: Extent) -> Vec<BenchPart<'a>> {
     let Some(gpu) = &compute.gpu else {
         return vec![
-            Part("tracer", Box::new(move || tracer(of.traced))),
-            Part("rays", Box::new(move || rays::measure(of.rays))),
-            Part("gather", Box::new(move || Ok(records(gather::measure(of.gather_megabytes)?)))),
-            Part("networks", Box::new(move || Ok(records(networks::kernels(of.networks)?)))),
+            BenchPart("tracer", Box::new(move || tracer(of.traced))),
+            BenchPart("rays", Box::new(move || rays::measure(of.rays))),
+            BenchPart("gather", Box::new(move || Ok(records(gather::measure(of.gather_megabytes)?)))),
+            BenchPart("networks", Box::new(move || Ok(records(networks::kernels(of.networks)?)))),
         ];
     };
     vec![
-        Part("device", Box::new(|| device::limits(gpu))),
-        Part("first-picture", Box::new(move || device::first_picture(gpu, of.first))),
-        Part("edit", Box::new(move || device::edit(device, gpu, of.edited))),
-        Part("gather", Box::new(move || device::gather(gpu, of.gather_megabytes))),
-        Part("paper", Box::new(move || device::paper_gather(gpu, of.paper))),
-        Part("networks", Box::new(move || device::networks(gpu, of.networks))),
-        Part("checks", Box::new(move || device::checks(gpu, of.gather_megabytes, of.networks))),
-        Part("light", Box::new(move || device::light(gpu, of.picture, of.steps))),
+        BenchPart("device", Box::new(|| device::limits(gpu))),
+        BenchPart("first-picture", Box::new(move || device::first_picture(gpu, of.first))),
+        BenchPart("edit", Box::new(move || device::edit(device, gpu, of.edited))),
+        BenchPart("gather", Box::new(move || device::gather(gpu, of.gather_megabytes))),
+        BenchPart("paper", Box::new(move || device::paper_gather(gpu, of.paper))),
+        BenchPart("networks", Box::new(move || device::networks(gpu, of.networks))),
+        BenchPart("checks", Box::new(move || device::checks(gpu, of.gather_megabytes, of.networks))),
+        BenchPart("light", Box::new(move || device::light(gpu, of.picture, of.steps))),
     ]
 }
 
-fn records(figures: Vec<Figure>) -> Vec<Record> {
-    figures.into_iter().map(Record::from).collect()
+fn records(figures: Vec<Figure>) -> Vec<FigureRecord> {
+    figures.into_iter().map(FigureRecord::from).collect()
 }
 
 /// Paths and segments per second in a closed grey box, where no path escapes: the cost of a bounce without that of a scene.
-fn tracer((size, samples): ((usize, usize), u32)) -> Result<Vec<Record>> {
+fn tracer((size, samples): ((usize, usize), u32)) -> Result<Vec<FigureRecord>> {
     let scene = closed_box(size)?;
     let settings = TraceSettings { samples, ..TraceSettings::default() };
     let tracer = Tracer::new(&scene, &settings)?;
@@ -199,9 +199,9 @@ mod tests {
     use relume_gpu::GpuChoice;
 
     /// Kept part by part, and all of them.
-    fn trial_of(device: &Device) -> Vec<Vec<Record>> {
+    fn trial_of(device: &Device) -> Vec<Vec<FigureRecord>> {
         let mut kept = Vec::new();
-        let keep = &mut |_: &str, records: &[Record]| {
+        let keep = &mut |_: &str, records: &[FigureRecord]| {
             kept.push(records.to_vec());
             Ok(())
         };
@@ -212,13 +212,14 @@ mod tests {
     }
 
     /// Names, without what all of a trial begin with, and units.
-    fn figures(records: &[Record]) -> Vec<(&str, &str)> {
-        let name = |record: &'_ Record| record.name.strip_prefix("trial: ").expect("called a trial").len();
+    fn figures(records: &[FigureRecord]) -> Vec<(&str, &str)> {
+        let name =
+            |record: &'_ FigureRecord| record.name.strip_prefix("trial: ").expect("called a trial").len();
         records.iter().map(|r| (&r.name[r.name.len() - name(r)..], r.unit.as_str())).collect()
     }
 
     /// Asserts that all are numbers above 0 and fit their limits, and that nothing else is said of them.
-    fn check(records: &[Record], adapter: Option<&str>) {
+    fn check(records: &[FigureRecord], adapter: Option<&str>) {
         for record in records {
             let is_of_driver = record.name.starts_with("trial: driver: ");
             assert!(record.value.is_finite() && (record.value > 0.0 || is_of_driver), "{record:?}");
@@ -253,7 +254,7 @@ mod tests {
         let [device, first, edit, gather, paper, networks, checks, light] = &kept[..] else {
             panic!("{} parts", kept.len());
         };
-        let has = |records: &[Record], name: &str, unit: &str| {
+        let has = |records: &[FigureRecord], name: &str, unit: &str| {
             assert!(figures(records).contains(&(name, unit)), "no {name} in {unit}: {:?}", figures(records));
         };
         has(device, "driver: bytes of a buffer", "");
@@ -325,7 +326,8 @@ mod tests {
     fn a_part_that_there_is_not_is_answered_with_those_that_there_are() {
         let of = |device: &Device| {
             let options = BenchOptions { parts: vec!["tracer".into(), "all".into()], trial: true };
-            let keep = &mut |_: &str, _: &[Record]| -> Result<()> { panic!("nothing was to be measured") };
+            let keep =
+                &mut |_: &str, _: &[FigureRecord]| -> Result<()> { panic!("nothing was to be measured") };
             bench(device, &options, keep).unwrap_err().to_string()
         };
         let on_cpu = of(&Device::Cpu);

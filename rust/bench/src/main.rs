@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use relume_bench::{BenchOptions, Record, bench};
+use relume_bench::{BenchOptions, FigureRecord, bench};
 use relume_session::Device;
 use relume_session::image::write_atomically;
 use serde::Serialize;
@@ -38,8 +38,8 @@ struct Args {
 }
 
 #[derive(Serialize)]
-struct Measured {
-    records: Vec<Record>,
+struct MeasuredRecords {
+    records: Vec<FigureRecord>,
 }
 
 fn main() -> ExitCode {
@@ -57,7 +57,7 @@ fn run(args: &Args) -> Result<()> {
         Some(path) if args.add && path.exists() => read(path)?,
         _ => Vec::new(),
     };
-    let keep = &mut |part: &str, records: &[Record]| -> Result<()> {
+    let keep = &mut |part: &str, records: &[FigureRecord]| -> Result<()> {
         if !args.quiet {
             eprintln!("relume-bench: {part} is measured");
         }
@@ -69,14 +69,14 @@ fn run(args: &Args) -> Result<()> {
     let options = BenchOptions { parts: args.part.clone(), trial: args.trial };
     let records = bench(&args.device, &options, keep)?;
     if args.json {
-        println!("{}", serde_json::to_string(&Measured { records })?);
+        println!("{}", serde_json::to_string(&MeasuredRecords { records })?);
     } else {
         records.iter().for_each(|record| println!("{}", line(record)));
     }
     Ok(())
 }
 
-fn read(path: &Path) -> Result<Vec<Record>> {
+fn read(path: &Path) -> Result<Vec<FigureRecord>> {
     let text = std::fs::read(path)?;
     serde_json::from_slice(&text).map_err(|error| {
         let path = path.display();
@@ -84,7 +84,7 @@ fn read(path: &Path) -> Result<Vec<Record>> {
     })
 }
 
-fn line(record: &Record) -> String {
+fn line(record: &FigureRecord) -> String {
     let by = record.limit_by.iter().map(|by| format!(" by {by}")).collect::<String>();
     let share = record.share_of_limit.zip(record.limit);
     let share = share.map(|(share, limit)| format!("  {:.0} % of {limit:.4}{by}", 100.0 * share));

@@ -19,7 +19,7 @@ use relume_trace::sampler::PixelSampler;
 use relume_trace::shading::Hit;
 
 use crate::figure::Figure;
-use crate::record::Record;
+use crate::record::FigureRecord;
 use crate::scenes::cave;
 
 /// Rays that are timed together, a fraction of a millisecond.
@@ -32,7 +32,7 @@ const REPEATS: usize = 5;
 ///
 /// # Errors
 /// If the scene is too large.
-pub fn measure((edge, count): (usize, usize)) -> Result<Vec<Record>> {
+pub fn measure((edge, count): (usize, usize)) -> Result<Vec<FigureRecord>> {
     let scene = cave((count.isqrt(), count.isqrt()), edge)?;
     let start = Instant::now();
     let bvh = SceneBvh::new(&scene)?;
@@ -48,7 +48,7 @@ pub fn measure((edge, count): (usize, usize)) -> Result<Vec<Record>> {
             ("obvhs CwBvh", rays_per_second(&rays, |ray| peers.hits_wide(ray))),
         ] {
             let name = format!("{stage} against {peer}, {triangles} triangles, 1 thread");
-            records.push(Record {
+            records.push(FigureRecord {
                 peer: Some(peer.into()),
                 peer_value: Some(peer_value),
                 ratio: Some(ours / peer_value),

@@ -7,7 +7,7 @@ use crate::figure::Figure;
 /// One measured figure. Peers are other programs measured in the same run, or the paper; limits are what the machine could do at
 /// best.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Record {
+pub struct FigureRecord {
     /// Name of the measurement.
     pub name: String,
     /// The figure.
@@ -38,7 +38,7 @@ pub struct Record {
     pub date: String,
 }
 
-impl From<Figure> for Record {
+impl From<Figure> for FigureRecord {
     fn from(figure: Figure) -> Self {
         Self {
             share_of_limit: figure.share_of_limit(),

@@ -185,14 +185,14 @@ pub struct RelightArgs {
     pub bake: PathBuf,
     /// Source of each light's picture.
     #[arg(long = "with", value_name = "WITH", value_enum, default_value = "auto")]
-    pub method: Method,
+    pub method: MethodArg,
     #[command(flatten)]
     pub picture: PictureArgs,
 }
 
 /// Source of a light's picture.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Method {
+pub enum MethodArg {
     /// Whichever has the lower measured error for this type of light.
     Auto,
     /// The bake.
@@ -207,10 +207,10 @@ pub struct TrainArgs {
     pub bake: PathBuf,
     /// Type of light.
     #[arg(long = "type", value_enum, default_value = "sphere")]
-    pub kind: Kind,
+    pub kind: LightKindArg,
     /// Network.
     #[arg(long, value_enum, default_value = "fast")]
-    pub network: Network,
+    pub network: NetworkArg,
     /// Folder for the proxy; default is the bake folder.
     #[arg(long, short)]
     pub out: Option<PathBuf>,
@@ -236,7 +236,7 @@ pub struct TrainArgs {
     pub size_max: Option<f32>,
     /// Placement of training lights.
     #[arg(long, value_enum, default_value = "segments")]
-    pub placement: Placement,
+    pub placement: PlacementArg,
     /// Draw targets from a pool of so many denoised pictures (300 in the paper) instead of gathering each by itself.
     #[arg(long)]
     pub pool: Option<usize>,
@@ -272,7 +272,7 @@ pub struct EvaluateArgs {
 
 /// Light types that a proxy can learn.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Kind {
+pub enum LightKindArg {
     /// Point light without soft falloff.
     Sphere,
     /// Point light with soft falloff, Blender's default.
@@ -283,7 +283,7 @@ pub enum Kind {
 
 /// Networks.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Network {
+pub enum NetworkArg {
     /// Factorised, with analytic features.
     Fast,
     /// The paper's.
@@ -292,7 +292,7 @@ pub enum Network {
 
 /// Placement of training lights.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Placement {
+pub enum PlacementArg {
     /// Random path segments.
     Segments,
     /// Box of all visible positions.

@@ -61,11 +61,11 @@ fn run_with_signals(cli: Cli, console: &Arc<Console>) -> anyhow::Result<()> {
 }
 
 fn dispatch(cli: Cli, console: &Console, monitor: &Monitor) -> anyhow::Result<()> {
-    let context = commands::Context { console, monitor, global: &cli.global };
+    let context = commands::CommandContext { console, monitor, global: &cli.global };
     on_threads(cli.global.threads, || command(cli.command, &context))
 }
 
-fn command(command: Command, context: &commands::Context) -> anyhow::Result<()> {
+fn command(command: Command, context: &commands::CommandContext) -> anyhow::Result<()> {
     match command {
         Command::Trace(args) => commands::trace(&args, context),
         Command::Gather(args) => commands::gather(&args, context),

@@ -55,7 +55,7 @@ impl AovSample {
 
 /// One record before packing.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Record {
+pub(crate) struct SampleRecord {
     pub end: End,
     pub throughput: Vec3,
     /// Lobe of the segment; none for an origin record.
@@ -71,7 +71,7 @@ pub struct TileSamples {
     rect: TileRect,
     /// First record of each pixel begun so far.
     pub(crate) pixel_starts: Vec<usize>,
-    pub(crate) records: Vec<Record>,
+    pub(crate) records: Vec<SampleRecord>,
     pub(crate) aov: Vec<[f32; AOV_CHANNELS]>,
     /// The last record is a placeholder, which the first record of the path replaces.
     path_is_empty: bool,
@@ -122,7 +122,7 @@ impl TileSamples {
             None => (End::Escape(Vec3::Z), Some(Lobe::Camera)),
         };
         self.path_is_empty = camera_vertex.is_none();
-        self.records.push(Record { end, throughput: Vec3::ZERO, lobe, receiver: 0, path_start: true });
+        self.records.push(SampleRecord { end, throughput: Vec3::ZERO, lobe, receiver: 0, path_start: true });
     }
 
     /// Appends a segment to the current path.
@@ -132,7 +132,7 @@ impl TileSamples {
             self.records.pop();
         }
         let path_start = std::mem::take(&mut self.path_is_empty);
-        self.records.push(Record { end, throughput, lobe: Some(lobe), receiver, path_start });
+        self.records.push(SampleRecord { end, throughput, lobe: Some(lobe), receiver, path_start });
     }
 
     /// Adds to the AOVs of the current pixel; once per path.

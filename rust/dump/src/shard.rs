@@ -10,7 +10,7 @@ use safetensors::tensor::{Dtype, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 
 use crate::packing::{self, Flags, Grid};
-use crate::samples::{AOV_CHANNELS, Record, TileSamples};
+use crate::samples::{AOV_CHANNELS, SampleRecord, TileSamples};
 use crate::{DumpError, End, Manifest, Pass, RECEIVER_LIMIT, TileRect};
 
 /// Key of the shard's description in the `safetensors` metadata.
@@ -386,7 +386,7 @@ fn check_samples(manifest: &Manifest, tile: usize, pass: usize, samples: &TileSa
     Ok(())
 }
 
-fn record_fault(record: &Record, manifest: &Manifest) -> Option<&'static str> {
+fn record_fault(record: &SampleRecord, manifest: &Manifest) -> Option<&'static str> {
     let finite = match record.end {
         End::Vertex(vertex) => vertex.is_finite(),
         End::Escape(direction) => direction.is_finite() && direction.length_squared() > 0.5,
@@ -399,7 +399,7 @@ fn record_fault(record: &Record, manifest: &Manifest) -> Option<&'static str> {
 }
 
 /// Box of all vertices; a box without extent at the origin if there are none.
-fn bounds(records: &[Record]) -> Grid {
+fn bounds(records: &[SampleRecord]) -> Grid {
     let vertices = records.iter().filter_map(|record| match record.end {
         End::Vertex(vertex) => Some(vertex),
         End::Escape(_) => None,
@@ -410,7 +410,7 @@ fn bounds(records: &[Record]) -> Grid {
     if grid.min.is_finite() { grid } else { Grid { min: Vec3::ZERO, max: Vec3::ZERO } }
 }
 
-fn pack(record: &Record, grid: &Grid) -> [u32; 2] {
+fn pack(record: &SampleRecord, grid: &Grid) -> [u32; 2] {
     let flags = |escaped| match record.lobe {
         Some(lobe) => Flags::segment(record.path_start, escaped, lobe, record.receiver),
         None => Flags::origin(record.path_start),

@@ -165,7 +165,7 @@ impl BoxCull {
     /// Codes of records.
     #[target_feature(enable = "avx2")]
     fn encode(&self, xy: &[u32], z_flags: &[u32], codes: &mut [u8]) {
-        let constants = self.constants();
+        let registers = self.registers();
         let (xy_whole, xy_rest) = xy.as_chunks::<32>();
         let (z_whole, z_rest) = z_flags.as_chunks::<32>();
         let (codes_whole, codes_rest) = codes.as_chunks_mut::<32>();
@@ -176,7 +176,7 @@ impl BoxCull {
                     _mm_prefetch::<_MM_HINT_T0>(words.as_ptr().wrapping_add(ahead).cast());
                 }
             }
-            let group = |i: usize| constants.group(&xy[i * 8..i * 8 + 8], &z_flags[i * 8..i * 8 + 8]);
+            let group = |i: usize| registers.group(&xy[i * 8..i * 8 + 8], &z_flags[i * 8..i * 8 + 8]);
             // Each group has the bits of a record in the halves of 32; adding them joins them.
             let join = |a, b| _mm256_maddubs_epi16(_mm256_packus_epi16(a, b), _mm256_set1_epi8(1));
             let packed = _mm256_packus_epi16(join(group(0), group(1)), join(group(2), group(3)));
@@ -192,10 +192,10 @@ impl BoxCull {
     }
 
     #[target_feature(enable = "avx2")]
-    fn constants(&self) -> Constants {
+    fn registers(&self) -> BoxRegisters {
         let words = |low: u16, high: u16| _mm256_set1_epi32((u32::from(low) | u32::from(high) << 16) as i32);
         let bit = |side: u32| u16::from(self.judged & 1 << side);
-        Constants {
+        BoxRegisters {
             above_xy: words(self.above[0], self.above[1]),
             below_xy: words(self.below[0], self.below[1]),
             above_z: words(self.above[2], 0),
@@ -208,7 +208,8 @@ impl BoxCull {
     }
 }
 
-struct Constants {
+/// [`BoxCull`] in registers.
+struct BoxRegisters {
     above_xy: __m256i,
     below_xy: __m256i,
     above_z: __m256i,
@@ -219,7 +220,7 @@ struct Constants {
     below_z_bits: __m256i,
 }
 
-impl Constants {
+impl BoxRegisters {
     /// [`BoxCull::code`] of eight records, in words of 16 bits: the bits of x and z in the low half of 32, those of y and the
     /// path start in the high half.
     #[target_feature(enable = "avx2")]

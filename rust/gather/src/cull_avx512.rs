@@ -16,9 +16,9 @@ const WIDTH: usize = 16;
 const AHEAD: usize = 256;
 /// Bound of the rounding of squared distances and their differences, relative to the largest one.
 const ROUNDING: f32 = 1.5e-6;
-/// Bound of the rounding of the Gram determinant in [`Constants::near`], relative to the product of the squared distances.
+/// Bound of the rounding of the Gram determinant in [`BallRegisters::near`], relative to the product of the squared distances.
 const GRAM_SLACK: f32 = 4e-6;
-/// Bound of the rounding of positions and directions in [`Constants::ends`], relative to the largest distance.
+/// Bound of the rounding of positions and directions in [`BallRegisters::ends`], relative to the largest distance.
 const PLACING: f32 = 4e-5;
 /// A float whose low 16 bits are an integer: or them in, and the sum is exact.
 const WHOLE: f32 = 8_388_608.0;
@@ -49,11 +49,11 @@ impl BallCull {
     /// ball to `found`, and returns how many these are. `found` has to be as long as `records`.
     #[target_feature(enable = "avx512f,popcnt,bmi1")]
     pub fn run(&self, shard: &Shard, records: Range<usize>, found: &mut [u32]) -> usize {
-        let constants = self.constants();
+        let registers = self.registers();
         let (xy, z_flags) = (shard.position_xy(), shard.position_z_flags());
         // The first record of all starts a path, so that what stands for its predecessor is not used.
         let before = records.start.saturating_sub(1);
-        let mut last = constants.ends(&[xy[before]; WIDTH], &[z_flags[before]; WIDTH]);
+        let mut last = registers.ends(&[xy[before]; WIDTH], &[z_flags[before]; WIDTH]);
         let (xy_whole, xy_rest) = xy[records.clone()].as_chunks::<WIDTH>();
         let (z_whole, z_rest) = z_flags[records.clone()].as_chunks::<WIDTH>();
         let mut count = 0;
@@ -67,24 +67,24 @@ impl BallCull {
         for (group, (xy, z_flags)) in xy_whole.iter().zip(z_whole).enumerate() {
             prefetch(xy, AHEAD);
             prefetch(z_flags, AHEAD);
-            let ends = constants.ends(xy, z_flags);
-            keep(records.start + group * WIDTH, constants.near(&last, &ends));
+            let ends = registers.ends(xy, z_flags);
+            keep(records.start + group * WIDTH, registers.near(&last, &ends));
             last = ends;
         }
         if !xy_rest.is_empty() {
             let [mut xy, mut z_flags] = [[0; WIDTH]; 2];
             xy[..xy_rest.len()].copy_from_slice(xy_rest);
             z_flags[..z_rest.len()].copy_from_slice(z_rest);
-            let bits = constants.near(&last, &constants.ends(&xy, &z_flags));
+            let bits = registers.near(&last, &registers.ends(&xy, &z_flags));
             keep(records.end - xy_rest.len(), bits & ((1 << xy_rest.len()) - 1));
         }
         count
     }
 
     #[target_feature(enable = "avx512f")]
-    fn constants(&self) -> Constants {
+    fn registers(&self) -> BallRegisters {
         let splat = |v: Vec3| [_mm512_set1_ps(v.x), _mm512_set1_ps(v.y), _mm512_set1_ps(v.z)];
-        Constants {
+        BallRegisters {
             step: splat(self.step),
             offset: splat(self.min - self.step * WHOLE),
             camera: splat(self.camera),
@@ -95,7 +95,7 @@ impl BallCull {
 }
 
 /// [`BallCull`] in registers.
-struct Constants {
+struct BallRegisters {
     step: [__m512; 3],
     /// Place of grid coordinates of minus [`WHOLE`].
     offset: [__m512; 3],
@@ -105,7 +105,7 @@ struct Constants {
 }
 
 /// Ends of sixteen segments, seen from the centre of the ball; those of escapes are about [`FAR`] away.
-struct Ends {
+struct EndLanes {
     place: [__m512; 3],
     /// Squared distances.
     distance2: __m512,
@@ -113,10 +113,10 @@ struct Ends {
     joined: __mmask16,
 }
 
-impl Constants {
+impl BallRegisters {
     #[inline]
     #[target_feature(enable = "avx512f")]
-    fn ends(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH]) -> Ends {
+    fn ends(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH]) -> EndLanes {
         /// Bits of the flags in `position_z_flags`.
         const PATH_START: i32 = 1 << 16;
         const ESCAPED: i32 = 1 << 17;
@@ -140,7 +140,7 @@ impl Constants {
         };
         let place = [at(0, x), at(1, y), at(2, z)];
         let joined = _mm512_testn_epi32_mask(z_flags, _mm512_set1_epi32(PATH_START));
-        Ends { place, distance2: dot(&place, &place), joined }
+        EndLanes { place, distance2: dot(&place, &place), joined }
     }
 
     /// Bits of the segments that may come within the ball; `before` holds the end of the record before in its last lane.
@@ -150,7 +150,7 @@ impl Constants {
     /// where `c` is below both `a` and `b`.
     #[inline]
     #[target_feature(enable = "avx512f")]
-    fn near(&self, before: &Ends, ends: &Ends) -> u32 {
+    fn near(&self, before: &EndLanes, ends: &EndLanes) -> u32 {
         // The lane before, out of the sixteen before for the first.
         let origin = |camera, end, before| {
             _mm512_castsi512_ps(_mm512_mask_alignr_epi32::<15>(

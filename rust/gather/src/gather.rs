@@ -4,7 +4,7 @@ use relume_dump::Dump;
 use relume_image::Image;
 use relume_scene::{Light, LightShape};
 
-use crate::kernel::{self, Isa, Sink, Work};
+use crate::kernel::{self, Isa, KernelWork, Sink};
 use crate::light::PreparedLight;
 use crate::{GatherError, SampleSplit};
 
@@ -134,7 +134,7 @@ impl Gather {
     pub fn tile(&self, tile: usize, lights: &[PreparedLight], half: SampleSplit) -> Vec<[f32; 3]> {
         let pixels = self.dump.manifest().tile_rect(tile).pixel_count();
         let mut sums = vec![[0.0; 3]; lights.len() * pixels];
-        let mut work = Work::default();
+        let mut work = KernelWork::default();
         for shard in self.dump.tile(tile) {
             let mut sink =
                 TileSink { offsets: shard.pixel_offsets(), sums: &mut sums, first: 0, pixel: 0, light: 0 };
@@ -150,7 +150,7 @@ impl Gather {
     /// Unit values of one pixel, one per light.
     pub fn pixel(&self, x: usize, y: usize, lights: &[PreparedLight], half: SampleSplit) -> Vec<[f32; 3]> {
         let mut values = vec![[0.0; 3]; lights.len()];
-        self.pixel_into(x, y, lights, half, &mut Scratch::default(), &mut values);
+        self.pixel_into(x, y, lights, half, &mut GatherScratch::default(), &mut values);
         values
     }
 
@@ -161,7 +161,7 @@ impl Gather {
         y: usize,
         lights: &[PreparedLight],
         half: SampleSplit,
-        scratch: &mut Scratch,
+        scratch: &mut GatherScratch,
         values: &mut [[f32; 3]],
     ) {
         let (tile, pixel) = self.dump.locate(x, y);
@@ -178,7 +178,7 @@ impl Gather {
 
 /// Working memory of [`Gather::pixel_into`], one per thread.
 #[derive(Debug, Default)]
-pub struct Scratch(Work);
+pub struct GatherScratch(KernelWork);
 
 struct TileSink<'a> {
     offsets: &'a [u32],

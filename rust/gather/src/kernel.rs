@@ -12,7 +12,7 @@ use std::ops::Range;
 use glam::Vec3;
 use relume_dump::{Flags, Grid, Shard, decode_rgb9e5};
 
-pub use block::Block;
+pub use block::SegmentBlock;
 #[cfg(target_arch = "x86_64")]
 use block::decode_listed;
 use block::{BLOCK, decode};
@@ -24,7 +24,7 @@ use crate::cull_avx2::{BoxCull, CHUNK, CullWork};
 #[cfg(target_arch = "x86_64")]
 use crate::cull_avx512::BallCull;
 #[cfg(target_arch = "x86_64")]
-use crate::lanes::Avx2;
+use crate::lanes::Avx2Lanes;
 use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
 #[cfg(target_arch = "x86_64")]
 use crate::light::Ball;
@@ -52,13 +52,13 @@ pub trait Visitor {
     /// Segments of the records from `first_record` on follow, for one light after the other.
     fn begin_block(&mut self, first_record: usize);
     /// The numbers, rising, of all segments of a block that may cross a light.
-    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &Block, light: usize, numbers: &[u16]);
+    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &SegmentBlock, light: usize, numbers: &[u16]);
 }
 
 /// Working memory, to be kept between calls.
 #[derive(Debug, Default)]
-pub struct Work {
-    block: Block,
+pub struct KernelWork {
+    block: SegmentBlock,
     #[cfg(target_arch = "x86_64")]
     cull: CullWork,
 }
@@ -68,7 +68,7 @@ pub fn visit(
     isa: Isa,
     shard: &Shard,
     records: Range<usize>,
-    work: &mut Work,
+    work: &mut KernelWork,
     lights: &[PreparedLight],
     sink: &mut impl Sink,
 ) {
@@ -80,7 +80,7 @@ pub fn visit_candidates(
     isa: Isa,
     shard: &Shard,
     records: Range<usize>,
-    work: &mut Work,
+    work: &mut KernelWork,
     visitor: &mut impl Visitor,
 ) {
     match isa {
@@ -103,7 +103,7 @@ const SMALL: f32 = 0.25;
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx2,fma,popcnt,bmi1")]
-fn visit_avx512(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: &mut impl Visitor) {
+fn visit_avx512(shard: &Shard, records: Range<usize>, work: &mut KernelWork, visitor: &mut impl Visitor) {
     let Some(balls) = first_tests(shard, visitor, BallCull::new) else {
         return visit_avx2(shard, records, work, visitor);
     };
@@ -118,9 +118,9 @@ fn visit_avx512(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: 
 #[cfg(target_arch = "x86_64")]
 #[inline(never)]
 #[target_feature(enable = "avx2,fma,popcnt,bmi1")]
-fn visit_avx2(shard: &Shard, records: Range<usize>, work: &mut Work, visitor: &mut impl Visitor) {
+fn visit_avx2(shard: &Shard, records: Range<usize>, work: &mut KernelWork, visitor: &mut impl Visitor) {
     let Some(boxes) = first_tests(shard, visitor, BoxCull::new) else {
-        return visit_lanes::<Avx2>(shard, records, &mut work.block, visitor);
+        return visit_lanes::<Avx2Lanes>(shard, records, &mut work.block, visitor);
     };
     for (lights, cull) in boxes {
         let find = |chunk: Range<usize>, work: &mut CullWork| {
@@ -164,7 +164,7 @@ fn first_tests<T>(
 fn visit_found(
     shard: &Shard,
     records: Range<usize>,
-    work: &mut Work,
+    work: &mut KernelWork,
     lights: Range<usize>,
     find: impl Fn(Range<usize>, &mut CullWork) -> usize,
     visitor: &mut impl Visitor,
@@ -172,10 +172,10 @@ fn visit_found(
     for first in records.clone().step_by(CHUNK) {
         let count = find(first..records.end.min(first + CHUNK), &mut work.cull);
         for numbers in work.cull.found[..count].chunks(BLOCK) {
-            decode_listed::<Avx2>(shard, numbers, &mut work.block);
+            decode_listed::<Avx2Lanes>(shard, numbers, &mut work.block);
             visitor.begin_block(numbers[0] as usize);
             for light in lights.clone() {
-                cross::<Avx2>(shard, &mut work.block, light, visitor);
+                cross::<Avx2Lanes>(shard, &mut work.block, light, visitor);
             }
         }
     }
@@ -185,7 +185,7 @@ fn visit_found(
 fn visit_lanes<L: Lanes>(
     shard: &Shard,
     records: Range<usize>,
-    block: &mut Block,
+    block: &mut SegmentBlock,
     visitor: &mut impl Visitor,
 ) {
     let mut before = Vec3x::<L>::splat(shard.camera_position());
@@ -209,7 +209,7 @@ pub fn magnitude(shard: &Shard, center: Vec3) -> f32 {
 }
 
 #[inline(always)]
-fn cross<L: Lanes>(shard: &Shard, block: &mut Block, light: usize, visitor: &mut impl Visitor) {
+fn cross<L: Lanes>(shard: &Shard, block: &mut SegmentBlock, light: usize, visitor: &mut impl Visitor) {
     let count = block.len.div_ceil(WIDTH);
     let groups = block.groups[..count].iter().zip(&mut block.candidates[..count]);
     match visitor.reach(light) {
@@ -256,7 +256,7 @@ impl<S: Sink> Visitor for Exact<'_, S> {
     }
 
     #[inline(always)]
-    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &Block, light: usize, numbers: &[u16]) {
+    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &SegmentBlock, light: usize, numbers: &[u16]) {
         self.sink.begin_light(light);
         for &index in numbers {
             evaluate(shard, block, usize::from(index), &self.lights[light], self.sink);
@@ -264,7 +264,7 @@ impl<S: Sink> Visitor for Exact<'_, S> {
     }
 }
 
-fn evaluate(shard: &Shard, block: &Block, index: usize, light: &PreparedLight, sink: &mut impl Sink) {
+fn evaluate(shard: &Shard, block: &SegmentBlock, index: usize, light: &PreparedLight, sink: &mut impl Sink) {
     let record = block.record(index);
     let flags = Flags((shard.position_z_flags()[record] >> 16) as u16);
     let factor = light.factor(flags);

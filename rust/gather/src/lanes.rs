@@ -170,7 +170,7 @@ impl Lanes for Portable {
 }
 
 #[cfg(target_arch = "x86_64")]
-pub use avx2::Avx2;
+pub use avx2::Avx2Lanes;
 
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
@@ -180,13 +180,13 @@ mod avx2 {
 
     /// One AVX register.
     #[derive(Clone, Copy)]
-    pub struct Avx2(__m256);
+    pub struct Avx2Lanes(__m256);
 
     /// SAFETY of all blocks in this impl: values of this type are only made and used inside the
     /// `#[target_feature(enable = "avx2,fma")]` functions of `kernel`, which run after detection; loads and stores are
     /// of whole arrays of eight.
     #[expect(clippy::undocumented_unsafe_blocks, reason = "one reason for the whole impl, stated above")]
-    impl Lanes for Avx2 {
+    impl Lanes for Avx2Lanes {
         #[inline(always)]
         fn splat(value: f32) -> Self {
             Self(unsafe { _mm256_set1_ps(value) })

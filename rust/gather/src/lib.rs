@@ -31,13 +31,13 @@ mod soft;
 pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser, Stop};
 pub use environment::Environment;
 pub use error::GatherError;
-pub use gather::{Gather, Scratch};
+pub use gather::{Gather, GatherScratch};
 pub use gpu::{Goals, GpuGather, GpuLight, GpuLights, GpuWorld, Receivers, SoftCompared};
 pub use kernel::Isa;
 pub use light::PreparedLight;
 pub use relight::{Noise, relight};
 pub use sample_split::SampleSplit;
-pub use soft::{Linear, SoftGather};
+pub use soft::{SoftGather, UnitValues};
 
 #[cfg(test)]
 mod tests;

@@ -42,7 +42,7 @@ use self::light::{SoftLight, SoftProfile};
 use self::profile::Segments;
 use self::wide::{Wide, Wide3};
 use crate::gather::{SumSink, add};
-use crate::kernel::{self, Block, Visitor, Work};
+use crate::kernel::{self, KernelWork, SegmentBlock, Visitor};
 use crate::lanes::{Lanes, Portable, WIDTH};
 use crate::light::{PreparedLight, Reach};
 use crate::{Gather, GatherError, SampleSplit};
@@ -66,15 +66,15 @@ pub struct SoftGather<'a> {
 
 /// Unit values (radiance 1) of a light, RGB, and their derivatives by its lanes.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Linear {
+pub struct UnitValues {
     /// One per cell that was asked for.
     pub values: Vec<[f32; 3]>,
     /// Derivatives by [`relume_scene::lane`], one per cell that was asked for.
     pub slopes: Vec<[[f32; 3]; LANES]>,
 }
 
-impl Linear {
-    /// Linear model from value and slopes of each cell, of a light of this shape.
+impl UnitValues {
+    /// Values and slopes of each cell, of a light of this shape.
     pub(crate) fn new(shape: &LightShape, outputs: &[[[f32; 3]; OUTPUTS]]) -> Self {
         let lanes: [bool; LANES] = std::array::from_fn(|lane| shape.has_lane(lane));
         let slope =
@@ -110,13 +110,13 @@ impl<'a> SoftGather<'a> {
     ///
     /// # Errors
     /// If the light cannot be gathered, the softness is out of range or there is no such cell.
-    pub fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Linear, GatherError> {
+    pub fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<UnitValues, GatherError> {
         let softened = self.soften(light, softness, cells)?;
         let outputs: Vec<_> = cells
             .par_iter()
-            .map_init(Work::default, |work, &cell| self.cell(&softened, cell as usize, work))
+            .map_init(KernelWork::default, |work, &cell| self.cell(&softened, cell as usize, work))
             .collect();
-        Ok(Linear::new(&light.shape, &outputs))
+        Ok(UnitValues::new(&light.shape, &outputs))
     }
 
     /// The smoothed light, if that and the cells can be.
@@ -171,11 +171,11 @@ impl<'a> SoftGather<'a> {
     }
 
     /// Value and slopes of a cell.
-    fn cell(&self, light: &SoftLight, cell: usize, work: &mut Work) -> [[f32; 3]; OUTPUTS] {
+    fn cell(&self, light: &SoftLight, cell: usize, work: &mut KernelWork) -> [[f32; 3]; OUTPUTS] {
         let (dump, [x, y]) = (self.gather.dump(), self.pixels(cell));
         let pixels = x.len() * y.len();
         let is_selective = light.reach.ball().is_some_and(|ball| ball.radius < SELECTIVE * self.extent);
-        let mut sums = Sums::new(light, is_selective);
+        let mut sums = SoftSums::new(light, is_selective);
         for (tile, run) in self.runs(cell) {
             sums.scale = 1.0 / (dump.tile_samples(tile).max(1) as usize * pixels) as f32;
             for shard in dump.tile(tile) {
@@ -202,9 +202,10 @@ impl<'a> SoftGather<'a> {
         self.check_cells(cells)?;
         let lights = self.gather.prepare_all(lights)?;
         let (gather, half) = self.gather.split(half);
-        let of_cell =
-            |work: &mut Work, &cell: &u32| self.exact_cell((&gather, half), &lights, cell as usize, work);
-        let by_cell: Vec<Vec<[f32; 3]>> = cells.par_iter().map_init(Work::default, of_cell).collect();
+        let of_cell = |work: &mut KernelWork, &cell: &u32| {
+            self.exact_cell((&gather, half), &lights, cell as usize, work)
+        };
+        let by_cell: Vec<Vec<[f32; 3]>> = cells.par_iter().map_init(KernelWork::default, of_cell).collect();
         Ok((0..lights.len()).map(|light| by_cell.iter().map(|values| values[light]).collect()).collect())
     }
 
@@ -213,7 +214,7 @@ impl<'a> SoftGather<'a> {
         (gather, half): (&Gather, SampleSplit),
         lights: &[PreparedLight],
         cell: usize,
-        work: &mut Work,
+        work: &mut KernelWork,
     ) -> Vec<[f32; 3]> {
         let (dump, [x, y]) = (gather.dump(), self.pixels(cell));
         let mut means = vec![[0.0; 3]; lights.len()];
@@ -263,7 +264,7 @@ fn visible_extent(gather: &Gather) -> f32 {
 }
 
 /// Segments that wait for seven others, and what those before have added.
-struct Sums<'a> {
+struct SoftSums<'a> {
     light: &'a SoftLight,
     is_selective: bool,
     /// Weight of each contribution.
@@ -277,7 +278,7 @@ struct Sums<'a> {
     outputs: [[[f32; WIDTH]; 3]; OUTPUTS],
 }
 
-impl Visitor for Sums<'_> {
+impl Visitor for SoftSums<'_> {
     fn lights(&self) -> usize {
         1
     }
@@ -293,7 +294,7 @@ impl Visitor for Sums<'_> {
     fn begin_block(&mut self, _first_record: usize) {}
 
     #[inline(always)]
-    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &Block, _light: usize, numbers: &[u16]) {
+    fn candidates<L: Lanes>(&mut self, shard: &Shard, block: &SegmentBlock, _light: usize, numbers: &[u16]) {
         let only_escaped = matches!(self.light.profile, SoftProfile::Sun(_));
         let (z_flags, throughput) = (shard.position_z_flags(), shard.throughput());
         for &index in numbers {
@@ -317,7 +318,7 @@ impl Visitor for Sums<'_> {
     }
 }
 
-impl<'a> Sums<'a> {
+impl<'a> SoftSums<'a> {
     fn new(light: &'a SoftLight, is_selective: bool) -> Self {
         let mut edge = [[0.0; WIDTH]; 3];
         edge[0] = [1.0; WIDTH];

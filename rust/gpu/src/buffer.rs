@@ -41,7 +41,7 @@ impl<T> Buffer<T> {
         Binding { raw: &self.raw, range: (0, self.bytes) }
     }
 
-    /// Some of its values; the first must lie at a multiple of [`crate::Limits::binding_alignment`].
+    /// Some of its values; the first must lie at a multiple of [`crate::DeviceLimits::binding_alignment`].
     ///
     /// # Panics
     /// If the range is empty or does not lie in the buffer.

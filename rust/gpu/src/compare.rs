@@ -41,7 +41,7 @@ pub enum Residual {
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::NoUninit)]
 #[repr(C)]
 #[expect(missing_docs, reason = "described in the WGSL struct")]
-pub struct Term {
+pub struct GpuTerm {
     pub mean_reference: [f32; 3],
     pub residual: Residual,
     pub amount: f32,
@@ -60,13 +60,13 @@ pub struct StepTargets {
     /// Reference of each cell, and its share in the loss.
     pub references: Vec<[f32; 4]>,
     /// The goals.
-    pub terms: Vec<Term>,
+    pub terms: Vec<GpuTerm>,
 }
 
 impl StepTargets {
     /// One target, exposed and under Reinhard's curve already, of which each cell has a share in the loss.
     pub fn target(cells: Vec<u32>, references: Vec<[f32; 4]>, exposure: f32) -> Self {
-        let term = Term {
+        let term = GpuTerm {
             mean_reference: [0.0; 3],
             residual: Residual::Tone,
             amount: 0.0,
@@ -92,7 +92,7 @@ pub struct Layers {
 
 /// Pictures of lights for radiance 1 at some cells of a step: `shaders/common/units.wgsl`.
 #[derive(Clone, Copy, Debug)]
-pub struct Units<'a> {
+pub struct UnitBindings<'a> {
     /// Number of lights.
     pub lights: usize,
     /// Radiances, and the number of quads of each light, of which the last is its radiance.
@@ -125,11 +125,11 @@ struct CompareArguments {
 
 /// A picture that is put together and compared at the cells that a step looks at.
 #[derive(Debug)]
-pub struct Step<'a> {
+pub struct CompareStep<'a> {
     layers: &'a Layers,
     cells: Buffer<u32>,
     references: Buffer<[f32; 4]>,
-    terms: Buffer<Term>,
+    terms: Buffer<GpuTerm>,
     radiances: Buffer<[f32; 4]>,
     picture: Buffer<[f32; 3]>,
     d_picture: Buffer<[f32; 3]>,
@@ -195,14 +195,14 @@ impl Layers {
         radiances: &[[f32; 3]],
         targets: &StepTargets,
         gradients: usize,
-    ) -> Result<Step<'_>, GpuError> {
+    ) -> Result<CompareStep<'_>, GpuError> {
         let (gpu, count) = (&self.gpu, targets.cells.len());
         let is_inside = |cell: &u32| (*cell as usize) < self.cells;
         assert!(count > 0 && targets.cells.iter().all(is_inside), "some of {} cells", self.cells);
         assert_eq!((count, self.count()), (targets.references.len(), radiances.len() + 1), "one of each");
         let quads = [[1.0; 3]].iter().chain(radiances).map(|[r, g, b]| [*r, *g, *b, 0.0]);
         let results = targets.terms.len() + 3 * self.count() + gradients;
-        let step = Step {
+        let step = CompareStep {
             layers: self,
             cells: gpu.buffer_of("cells", &targets.cells)?,
             references: gpu.buffer_of("references of cells", &targets.references)?,
@@ -224,7 +224,7 @@ impl Layers {
     }
 }
 
-impl Step<'_> {
+impl CompareStep<'_> {
     /// The cells in parts of about so many.
     pub fn parts(&self, most: usize) -> Vec<Range<usize>> {
         let (count, length) = (self.cells.len(), (most / PART).max(1) * PART);
@@ -247,13 +247,13 @@ impl Step<'_> {
     }
 
     /// The layers, buffer by buffer.
-    fn layers(&self) -> impl Iterator<Item = Units<'_>> {
+    fn layers(&self) -> impl Iterator<Item = UnitBindings<'_>> {
         let all = self.layers.cells;
         self.layers.pictures.iter().scan(0, move |next, pictures| {
             let (first, lights) = (*next, pictures.len() / all);
             *next += lights;
             let (radiances, values) = ((self.radiances.whole(), 1), (pictures.whole(), 1));
-            Some(Units { lights, radiances, first, values, all: Some(all) })
+            Some(UnitBindings { lights, radiances, first, values, all: Some(all) })
         })
     }
 
@@ -264,7 +264,7 @@ impl Step<'_> {
     pub fn add(
         &self,
         commands: &mut Commands<'_>,
-        units: &Units<'_>,
+        units: &UnitBindings<'_>,
         part: Range<usize>,
     ) -> Result<(), GpuError> {
         let kernel = self.layers.gpu.kernel("common/add_units", "add_units", &units.constants())?;
@@ -278,7 +278,7 @@ impl Step<'_> {
     /// Appends the comparison, when all lights are there, and the gradients of the layers.
     ///
     /// # Errors
-    /// See [`Step::add`].
+    /// See [`CompareStep::add`].
     pub fn compare(&self, commands: &mut Commands<'_>) -> Result<(), GpuError> {
         let kernel = self.layers.gpu.kernel("common/compare", "compare", &[])?;
         let buffers = [
@@ -297,15 +297,15 @@ impl Step<'_> {
         Ok(())
     }
 
-    /// Appends what adds the gradients of lights from a part of the cells to those that are there ([`Step::gradients`]), from this value
+    /// Appends what adds the gradients of lights from a part of the cells to those that are there ([`CompareStep::gradients`]), from this value
     /// on: three by the radiance of a light, then one for each derivative.
     ///
     /// # Errors
-    /// See [`Step::add`].
+    /// See [`CompareStep::add`].
     pub fn pull(
         &self,
         commands: &mut Commands<'_>,
-        units: &Units<'_>,
+        units: &UnitBindings<'_>,
         part: Range<usize>,
         first: usize,
     ) -> Result<(), GpuError> {
@@ -334,7 +334,7 @@ impl Step<'_> {
     }
 }
 
-impl Units<'_> {
+impl UnitBindings<'_> {
     fn constants(&self) -> [(&'static str, u32); 3] {
         [
             ("LIGHT_QUADS", self.radiances.1 as u32),

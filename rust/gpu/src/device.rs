@@ -22,7 +22,7 @@ pub struct Gpu {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     summary: AdapterSummary,
-    limits: Limits,
+    limits: DeviceLimits,
     features: wgpu::Features,
     memory: Arc<Memory>,
     bytes_read: AtomicU64,
@@ -34,7 +34,7 @@ pub struct Gpu {
 
 /// Limits of a GPU's kernels and buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
+pub struct DeviceLimits {
     /// Bytes of a buffer, all of which can be bound.
     pub buffer: u64,
     /// Bytes of workgroup memory.
@@ -177,7 +177,7 @@ impl Gpu {
     }
 
     /// Limits of its kernels and buffers.
-    pub fn limits(&self) -> &Limits {
+    pub fn limits(&self) -> &DeviceLimits {
         &self.limits
     }
 
@@ -291,13 +291,13 @@ fn wanted_features() -> wgpu::Features {
         | wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX
 }
 
-fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> Limits {
+fn limits(adapter: &wgpu::Adapter, features: wgpu::Features) -> DeviceLimits {
     let (limits, info) = (adapter.limits(), adapter.get_info());
     let subgroup = (info.subgroup_min_size, info.subgroup_max_size);
     let of_matrices = wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX
         | wgpu::Features::SHADER_F16
         | wgpu::Features::SUBGROUP;
-    Limits {
+    DeviceLimits {
         buffer: limits.max_buffer_size.min(limits.max_storage_buffer_binding_size),
         workgroup_memory: limits.max_compute_workgroup_storage_size,
         invocations: limits.max_compute_invocations_per_workgroup,

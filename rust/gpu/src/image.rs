@@ -19,7 +19,7 @@ pub struct GpuImage {
 /// Arguments of `sum.wgsl`, described there.
 #[derive(Clone, Copy, bytemuck::NoUninit)]
 #[repr(C)]
-struct SumArguments {
+struct ImageSumArguments {
     width: u32,
     height: u32,
     row: u32,
@@ -131,7 +131,7 @@ impl GpuImage {
                 assert_eq!((image.width, image.height), (*row, *rows), "images of one size");
                 image.gpu.check()?;
             }
-            let arguments = SumArguments {
+            let arguments = ImageSumArguments {
                 width: sum.width as u32,
                 height: sum.height as u32,
                 row: *row as u32,
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn arguments_have_the_layout_of_their_wgsl_twins() {
-        crate::assert_mirror!(SumArguments as "common/sum", "Arguments", {
+        crate::assert_mirror!(ImageSumArguments as "common/sum", "Arguments", {
             width, height, row, scale, first, count,
         });
         crate::assert_mirror!(MeanArguments as "common/mean", "Arguments", { values, share, scale });

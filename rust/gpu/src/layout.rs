@@ -19,12 +19,12 @@ pub struct FieldLayout {
     /// Start of the field, bytes.
     pub offset: u32,
     /// Components, and where they lie in the struct, bytes.
-    pub parts: Vec<(u32, Part)>,
+    pub components: Vec<(u32, ComponentType)>,
 }
 
 /// Type of a component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub enum ComponentType {
     /// `f32`
     F32,
     /// `i32`
@@ -44,7 +44,7 @@ impl StructLayout {
         let pairs = self.fields.iter().zip(&mirror.fields);
         let differs = |(wgsl, rust): &(&FieldLayout, &FieldLayout)| {
             (&wgsl.name, wgsl.offset) != (&rust.name, rust.offset)
-                || wgsl.parts.iter().any(|part| !rust.parts.contains(part))
+                || wgsl.components.iter().any(|part| !rust.components.contains(part))
         };
         if let Some((wgsl, rust)) = pairs.clone().find(differs) {
             return Some(format!("{rust:?} should be {wgsl:?}"));
@@ -58,7 +58,7 @@ impl StructLayout {
 /// A Rust type of a field of a mirror.
 pub trait Field {
     /// Appends what it is made of, if it lies `at` so many bytes.
-    fn add_parts(at: u32, parts: &mut Vec<(u32, Part)>);
+    fn add_parts(at: u32, components: &mut Vec<(u32, ComponentType)>);
 }
 
 /// Types that are one part.
@@ -66,8 +66,8 @@ pub trait Field {
 macro_rules! part_of_mirrors {
     ($($type:ty as $part:ident),* $(,)?) => {
         $(impl $crate::layout::Field for $type {
-            fn add_parts(at: u32, parts: &mut Vec<(u32, $crate::layout::Part)>) {
-                parts.push((at, $crate::layout::Part::$part));
+            fn add_parts(at: u32, components: &mut Vec<(u32, $crate::layout::ComponentType)>) {
+                components.push((at, $crate::layout::ComponentType::$part));
             }
         })*
     };
@@ -76,16 +76,16 @@ macro_rules! part_of_mirrors {
 part_of_mirrors!(f32 as F32, i32 as I32, u32 as U32);
 
 impl<T: Field, const N: usize> Field for [T; N] {
-    fn add_parts(at: u32, parts: &mut Vec<(u32, Part)>) {
-        (0..N).for_each(|index| T::add_parts(at + (index * size_of::<T>()) as u32, parts));
+    fn add_parts(at: u32, components: &mut Vec<(u32, ComponentType)>) {
+        (0..N).for_each(|index| T::add_parts(at + (index * size_of::<T>()) as u32, components));
     }
 }
 
 /// A field of a Rust struct, which `_get` names: only its type counts.
 pub fn field<S, F: Field>(name: &str, offset: usize, _get: fn(&S) -> &F) -> FieldLayout {
-    let mut parts = Vec::new();
-    F::add_parts(offset as u32, &mut parts);
-    FieldLayout { name: name.to_owned(), offset: offset as u32, parts }
+    let mut components = Vec::new();
+    F::add_parts(offset as u32, &mut components);
+    FieldLayout { name: name.to_owned(), offset: offset as u32, components }
 }
 
 /// The layout of a struct as WGSL's rules have it.
@@ -97,9 +97,13 @@ pub fn of(module: &str, name: &str) -> Result<StructLayout, GpuError> {
     let found = parsed.types.iter().find_map(|(_, ty)| match (&ty.name, &ty.inner) {
         (Some(found), naga::TypeInner::Struct { members, span }) if found == name => {
             let field = |member: &naga::StructMember| {
-                let mut parts = Vec::new();
-                add_wgsl_parts(&parsed, member.ty, member.offset, &mut parts);
-                FieldLayout { name: member.name.clone().unwrap_or_default(), offset: member.offset, parts }
+                let mut components = Vec::new();
+                add_wgsl_components(&parsed, member.ty, member.offset, &mut components);
+                FieldLayout {
+                    name: member.name.clone().unwrap_or_default(),
+                    offset: member.offset,
+                    components,
+                }
             };
             Some(StructLayout { size: *span, fields: members.iter().map(field).collect() })
         }
@@ -112,38 +116,40 @@ pub fn of(module: &str, name: &str) -> Result<StructLayout, GpuError> {
 }
 
 /// Appends what a WGSL type is made of, if it lies `at` so many bytes.
-fn add_wgsl_parts(
+fn add_wgsl_components(
     module: &naga::Module,
     ty: naga::Handle<naga::Type>,
     at: u32,
-    parts: &mut Vec<(u32, Part)>,
+    components: &mut Vec<(u32, ComponentType)>,
 ) {
     use naga::TypeInner;
     let vector = |at: u32, size: naga::VectorSize, scalar: naga::Scalar| {
-        (0..size as u32).map(move |lane| (at + lane * u32::from(scalar.width), part_of(scalar)))
+        (0..size as u32).map(move |lane| (at + lane * u32::from(scalar.width), component_of(scalar)))
     };
     match module.types[ty].inner {
-        TypeInner::Scalar(scalar) => parts.push((at, part_of(scalar))),
-        TypeInner::Vector { size, scalar } => parts.extend(vector(at, size, scalar)),
+        TypeInner::Scalar(scalar) => components.push((at, component_of(scalar))),
+        TypeInner::Vector { size, scalar } => components.extend(vector(at, size, scalar)),
         TypeInner::Matrix { columns, rows, scalar } => {
             // Columns of three lie like those of four.
             let stride = (rows as u32).next_power_of_two() * u32::from(scalar.width);
-            parts.extend((0..columns as u32).flat_map(|column| vector(at + column * stride, rows, scalar)));
+            components
+                .extend((0..columns as u32).flat_map(|column| vector(at + column * stride, rows, scalar)));
         }
         TypeInner::Array { base, size: naga::ArraySize::Constant(count), stride } => {
-            (0..count.get()).for_each(|index| add_wgsl_parts(module, base, at + index * stride, parts));
+            (0..count.get())
+                .for_each(|index| add_wgsl_components(module, base, at + index * stride, components));
         }
-        TypeInner::Struct { .. } => parts.push((at, Part::Struct)),
-        _ => parts.push((at, Part::Other)),
+        TypeInner::Struct { .. } => components.push((at, ComponentType::Struct)),
+        _ => components.push((at, ComponentType::Other)),
     }
 }
 
-fn part_of(scalar: naga::Scalar) -> Part {
+fn component_of(scalar: naga::Scalar) -> ComponentType {
     match scalar {
-        naga::Scalar::F32 => Part::F32,
-        naga::Scalar::I32 => Part::I32,
-        naga::Scalar::U32 => Part::U32,
-        _ => Part::Other,
+        naga::Scalar::F32 => ComponentType::F32,
+        naga::Scalar::I32 => ComponentType::I32,
+        naga::Scalar::U32 => ComponentType::U32,
+        _ => ComponentType::Other,
     }
 }
 
@@ -193,12 +199,12 @@ mod tests {
     #[test]
     fn a_mirror_whose_fields_have_other_types_is_told_from_its_wgsl_struct() {
         let whole = of("gather/light", "Light").unwrap();
-        let differs = |field: usize, parts: &[(u32, Part)]| {
+        let differs = |field: usize, components: &[(u32, ComponentType)]| {
             let mut other = whole.clone();
-            other.fields[field].parts = parts.to_vec();
+            other.fields[field].components = components.to_vec();
             whole.difference(&other)
         };
-        use Part::{F32, I32, U32};
+        use ComponentType::{F32, I32, U32};
         assert_eq!(whole.difference(&whole), None);
         assert_eq!(differs(0, &[(0, F32), (4, F32), (8, F32)]), None);
         assert!(differs(0, &[(0, F32), (4, F32), (8, U32)]).unwrap().contains("center"));
@@ -206,7 +212,7 @@ mod tests {
         assert!(differs(1, &[(12, F32)]).unwrap().contains("kind"));
         assert!(differs(1, &[(12, I32)]).is_some());
         let factors = whole.fields.iter().position(|field| field.name == "factors").unwrap();
-        assert_eq!(whole.fields[factors].parts, [0, 1, 2, 3, 4, 5, 6, 7].map(|i| (64 + 4 * i, F32)));
+        assert_eq!(whole.fields[factors].components, [0, 1, 2, 3, 4, 5, 6, 7].map(|i| (64 + 4 * i, F32)));
         let mut shorter = whole.clone();
         shorter.fields.pop();
         assert!(whole.difference(&shorter).unwrap().contains("bytes and fields"));
@@ -226,7 +232,7 @@ mod tests {
 
     #[test]
     fn types_of_both_languages_are_made_of_the_same_parts() {
-        use Part::{F32, Struct, U32};
+        use ComponentType::{F32, Struct, U32};
         #[repr(C)]
         struct Rust {
             number: u32,
@@ -241,15 +247,15 @@ mod tests {
             field("rows", 4, |rust: &Rust| &rust.rows),
             field("part", 20, |rust: &Rust| &rust.part),
         ];
-        let parts = fields.map(|field| field.parts);
-        assert_eq!(parts, [vec![(0, U32)], rows.to_vec(), vec![(20, Struct)]]);
+        let components = fields.map(|field| field.components);
+        assert_eq!(components, [vec![(0, U32)], rows.to_vec(), vec![(20, Struct)]]);
         // Columns of a matrix of three rows are four floats apart; the mirror fills them up.
         let environment = of("gather/world", "Environment").unwrap();
         let columns = [0, 16, 32].map(|at| [at, at + 4, at + 8]).concat();
-        assert!(environment.fields[0].parts.iter().map(|part| part.0).eq(columns));
+        assert!(environment.fields[0].components.iter().map(|component| component.0).eq(columns));
         let mut filled = environment.clone();
-        filled.fields[0].parts.push((12, F32));
+        filled.fields[0].components.push((12, F32));
         assert_eq!(environment.difference(&filled), None);
-        assert_eq!(of("train/inputs", "Inputs").unwrap().fields[0].parts, [(0, Struct)]);
+        assert_eq!(of("train/inputs", "Inputs").unwrap().fields[0].components, [(0, Struct)]);
     }
 }

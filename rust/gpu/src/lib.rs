@@ -38,7 +38,7 @@ mod timer;
 pub use buffer::{Binding, Buffer};
 pub use choice::{AdapterSummary, GpuChoice, adapters};
 pub use commands::{Commands, Submission, fold};
-pub use device::{Gpu, Limits};
+pub use device::{DeviceLimits, Gpu};
 pub use error::GpuError;
 pub use image::GpuImage;
 pub use kernel::{Bound, Checks, Kernel};

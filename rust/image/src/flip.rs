@@ -35,16 +35,16 @@ pub fn flip(test: &Image, reference: &Image) -> f64 {
 
 /// One channel of a picture.
 #[derive(Clone)]
-struct Plane {
+struct ChannelPlane {
     width: usize,
     height: usize,
     values: Vec<f32>,
 }
 
 /// 4.1: contrast-filtered colours compared in Hunt-adjusted L*a*b*.
-fn color_difference(test: &[Plane; 3], reference: &[Plane; 3]) -> Vec<f32> {
-    let filter = |planes: &[Plane; 3]| -> Vec<[f32; 3]> {
-        let filtered: Vec<Plane> =
+fn color_difference(test: &[ChannelPlane; 3], reference: &[ChannelPlane; 3]) -> Vec<f32> {
+    let filter = |planes: &[ChannelPlane; 3]| -> Vec<[f32; 3]> {
+        let filtered: Vec<ChannelPlane> =
             planes.par_iter().zip(CONTRAST).map(|(plane, terms)| contrast_filter(plane, &terms)).collect();
         (0..filtered[0].values.len())
             .into_par_iter()
@@ -66,7 +66,7 @@ fn color_difference(test: &[Plane; 3], reference: &[Plane; 3]) -> Vec<f32> {
 }
 
 /// 4.2: difference of edges and points in the achromatic channel.
-fn feature_difference(test: &[Plane; 3], reference: &[Plane; 3]) -> Vec<f32> {
+fn feature_difference(test: &[ChannelPlane; 3], reference: &[ChannelPlane; 3]) -> Vec<f32> {
     let sigma = 0.5 * FEATURE_WIDTH * PIXELS_PER_DEGREE;
     let radius = (3.0 * sigma).ceil() as i32;
     let gauss: Vec<f32> =
@@ -77,7 +77,7 @@ fn feature_difference(test: &[Plane; 3], reference: &[Plane; 3]) -> Vec<f32> {
     let point = signed_unit(
         (-radius..=radius).zip(&gauss).map(|(x, g)| ((x * x) as f32 / (sigma * sigma) - 1.0) * g).collect(),
     );
-    let strength = |planes: &[Plane; 3], kernel: &[f32]| -> Vec<f32> {
+    let strength = |planes: &[ChannelPlane; 3], kernel: &[f32]| -> Vec<f32> {
         let mut luminance = planes[0].clone();
         luminance.values.iter_mut().for_each(|y| *y = (*y + 16.0) / 116.0);
         let (along_x, along_y) =
@@ -106,7 +106,7 @@ const CONTRAST: [[f32; 4]; 3] =
     [[1.0, 0.0047, 0.0, 1.0e-5], [1.0, 0.0053, 0.0, 1.0e-5], [34.1, 0.04, 13.5, 0.025]];
 
 /// Convolves with the contrast sensitivity. Each Gaussian is separable; the sum is normalised as a whole.
-fn contrast_filter(plane: &Plane, &[a1, b1, a2, b2]: &[f32; 4]) -> Plane {
+fn contrast_filter(plane: &ChannelPlane, &[a1, b1, a2, b2]: &[f32; 4]) -> ChannelPlane {
     // 4.1.1: one radius for all channels, three standard deviations of the widest Gaussian.
     let radius = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as i32;
     let gauss = |b: f32| -> Vec<f32> {
@@ -131,7 +131,7 @@ fn contrast_filter(plane: &Plane, &[a1, b1, a2, b2]: &[f32; 4]) -> Plane {
 }
 
 /// Separable convolution (as correlation: kernels are symmetric or only their magnitude counts), edges repeated.
-fn convolve(plane: &Plane, kernel_x: &[f32], kernel_y: &[f32]) -> Plane {
+fn convolve(plane: &ChannelPlane, kernel_x: &[f32], kernel_y: &[f32]) -> ChannelPlane {
     let (width, height) = (plane.width, plane.height);
     let mut rows = vec![0.0; plane.values.len()];
     rows.par_chunks_exact_mut(width).zip(plane.values.par_chunks_exact(width)).for_each(|(out, row)| {
@@ -147,7 +147,7 @@ fn convolve(plane: &Plane, kernel_x: &[f32], kernel_y: &[f32]) -> Plane {
             out.iter_mut().zip(&rows[from..from + width]).for_each(|(sum, v)| *sum += weight * v);
         }
     });
-    Plane { width, height, values }
+    ChannelPlane { width, height, values }
 }
 
 fn clamped(at: usize, k: usize, kernel_len: usize, len: usize) -> usize {
@@ -196,7 +196,7 @@ fn relative_xyz(rgb: [f32; 3]) -> [f32; 3] {
 }
 
 /// The linear opponent space Y y Cx Cz (4.1.1).
-fn opponent_planes(image: &Image) -> [Plane; 3] {
+fn opponent_planes(image: &Image) -> [ChannelPlane; 3] {
     let opponent: Vec<[f32; 3]> = image
         .data
         .par_chunks_exact(3)
@@ -205,7 +205,7 @@ fn opponent_planes(image: &Image) -> [Plane; 3] {
             [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
         })
         .collect();
-    std::array::from_fn(|c| Plane {
+    std::array::from_fn(|c| ChannelPlane {
         width: image.width,
         height: image.height,
         values: opponent.iter().map(|o| o[c]).collect(),

@@ -2,8 +2,8 @@ use crate::cells::Cells;
 use crate::goal::{Criterion, Goal};
 use crate::preference;
 use crate::problem::{Problem, View, mean_luminance};
-use crate::relight::{Compare, Compared, Linear, Picture};
-use crate::term::{Baseline, Comparison, Term, TermTarget, Uncertainty};
+use crate::relight::{Compare, Linear, LossGradient, PictureCells};
+use crate::term::{Baseline, GoalComparison, Term, TermTarget, Uncertainty};
 use crate::variable::{Mapping, PARAMS};
 use crate::{OptimiseError, RelightError};
 use rayon::prelude::*;
@@ -60,7 +60,11 @@ impl<'a> Objective<'a> {
     }
 
     /// Pictures of each light for radiance 1 in each view, at the drawn cells.
-    pub(crate) fn units(&self, lights: &[Light], draw: &Draw) -> Result<Vec<Vec<Unit>>, OptimiseError> {
+    pub(crate) fn units(
+        &self,
+        lights: &[Light],
+        draw: &Draw,
+    ) -> Result<Vec<Vec<UnitPicture>>, OptimiseError> {
         let units = |(view, draw): (&ViewObjective, &Vec<Vec<u32>>)| {
             Ok(view.units(lights, self.softness, &view.cells_of(draw))?)
         };
@@ -73,7 +77,7 @@ impl<'a> Objective<'a> {
         number: usize,
         light: &Light,
         draw: &Draw,
-    ) -> Result<Vec<Unit>, OptimiseError> {
+    ) -> Result<Vec<UnitPicture>, OptimiseError> {
         let unit = |(view, draw): (&ViewObjective, &Vec<Vec<u32>>)| {
             Ok(view.unit(number, light, self.softness, &view.cells_of(draw))?)
         };
@@ -81,8 +85,8 @@ impl<'a> Objective<'a> {
     }
 
     /// Loss without the cost of moves, from pictures that are there already.
-    pub(crate) fn loss_of_goals(&self, lights: &[Light], units: &[Vec<Unit>], draw: &Draw) -> f64 {
-        let of_view = |((view, units), draw): ((&ViewObjective, &Vec<Unit>), &Vec<Vec<u32>>)| {
+    pub(crate) fn loss_of_goals(&self, lights: &[Light], units: &[Vec<UnitPicture>], draw: &Draw) -> f64 {
+        let of_view = |((view, units), draw): ((&ViewObjective, &Vec<UnitPicture>), &Vec<Vec<u32>>)| {
             view.loss_of_units(lights, units, draw)
         };
         self.views.iter().zip(units).zip(draw).map(of_view).sum()
@@ -147,7 +151,7 @@ fn exposure_of_baseline(view: &View<'_>, luminance: f32) -> Result<f32, Optimise
 }
 
 /// A light's picture for radiance 1 at some cells.
-pub(crate) type Unit = Vec<[f32; 3]>;
+pub(crate) type UnitPicture = Vec<[f32; 3]>;
 
 /// Cells by two estimates with independent noise.
 pub(crate) type Halves = [Vec<[f32; 3]>; 2];
@@ -178,7 +182,7 @@ impl<'a> ViewObjective<'a> {
     }
 
     /// All cells.
-    pub(crate) fn whole_picture(&self, lights: &[Light]) -> Result<Picture, RelightError> {
+    pub(crate) fn whole_picture(&self, lights: &[Light]) -> Result<PictureCells, RelightError> {
         let mut rest = self.base.clone();
         let mut moving = Vec::new();
         for (light, still) in lights.iter().zip(&self.still) {
@@ -189,7 +193,7 @@ impl<'a> ViewObjective<'a> {
         }
         if moving.is_empty() {
             let exact = [rest.clone(), rest];
-            return Ok(Picture { clean: exact.clone(), exact });
+            return Ok(PictureCells { clean: exact.clone(), exact });
         }
         let mut picture = self.view.relight.picture(&moving)?;
         let halves = picture.exact.iter_mut().chain(&mut picture.clean);
@@ -212,7 +216,7 @@ impl<'a> ViewObjective<'a> {
     /// The picture of the lights as they were, clean at softness 0.
     fn baseline(&self, lights: &[Light], softness: f32) -> Result<Baseline, RelightError> {
         if softness == 0.0 {
-            let Picture { exact, clean } = self.whole_picture(lights)?;
+            let PictureCells { exact, clean } = self.whole_picture(lights)?;
             return Ok(Baseline { cells: mean(&clean), halves: Some(exact) });
         }
         let cells: Vec<u32> = (0..self.base.len() as u32).collect();
@@ -229,13 +233,24 @@ impl<'a> ViewObjective<'a> {
         self.terms.iter().zip(draw).flat_map(of_term).collect()
     }
 
-    fn units(&self, lights: &[Light], softness: f32, cells: &[u32]) -> Result<Vec<Unit>, RelightError> {
+    fn units(
+        &self,
+        lights: &[Light],
+        softness: f32,
+        cells: &[u32],
+    ) -> Result<Vec<UnitPicture>, RelightError> {
         let unit = |(i, light): (usize, &Light)| self.unit(i, light, softness, cells);
         lights.par_iter().enumerate().map(unit).collect()
     }
 
     /// One light's picture for radiance 1.
-    fn unit(&self, number: usize, light: &Light, softness: f32, cells: &[u32]) -> Result<Unit, RelightError> {
+    fn unit(
+        &self,
+        number: usize,
+        light: &Light,
+        softness: f32,
+        cells: &[u32],
+    ) -> Result<UnitPicture, RelightError> {
         match &self.still[number] {
             Some(image) => Ok(cells.iter().map(|cell| image[*cell as usize]).collect()),
             None => self.view.relight.values(light, softness, cells),
@@ -272,19 +287,19 @@ impl<'a> ViewObjective<'a> {
     /// Each term at its drawn cells of a clean whole picture.
     pub(crate) fn compare_picture(
         &self,
-        picture: &Picture,
+        picture: &PictureCells,
         uncertainties: &[Uncertainty],
         draw: &[Vec<u32>],
-    ) -> Vec<Comparison<'_>> {
+    ) -> Vec<GoalComparison<'_>> {
         let clean = mean(&picture.clean);
         let compare = |((term, uncertainty), draw): ((&Term<'a>, &Uncertainty), &Vec<u32>)| {
-            Comparison::new(term.target_with(uncertainty, draw), term.drawn(&clean, draw))
+            GoalComparison::new(term.target_with(uncertainty, draw), term.drawn(&clean, draw))
         };
         self.terms.iter().zip(uncertainties).zip(draw).map(compare).collect()
     }
 
     /// Uncertainty of the mean of each term in a clean whole picture.
-    pub(crate) fn uncertainties(&self, picture: &Picture, draw: &[Vec<u32>]) -> Vec<Uncertainty> {
+    pub(crate) fn uncertainties(&self, picture: &PictureCells, draw: &[Vec<u32>]) -> Vec<Uncertainty> {
         let clean = mean(&picture.clean);
         let uncertainty = |(term, draw): (&Term<'a>, &Vec<u32>)| {
             let exact = picture.exact.each_ref().map(|half| term.drawn(half, draw));
@@ -296,11 +311,11 @@ impl<'a> ViewObjective<'a> {
     /// Weighted residuals of a picture that differs from the one compared by noise and little else.
     pub(crate) fn residuals_beside(
         &self,
-        comparisons: &[Comparison],
+        comparisons: &[GoalComparison],
         picture: &[[f32; 3]],
         draw: &[Vec<u32>],
     ) -> Vec<f32> {
-        let of_term = |((comparison, term), draw): ((&Comparison, &Term), &Vec<u32>)| {
+        let of_term = |((comparison, term), draw): ((&GoalComparison, &Term), &Vec<u32>)| {
             comparison.weighted_residuals(&term.drawn(picture, draw)).collect::<Vec<_>>()
         };
         comparisons.iter().zip(&self.terms).zip(draw).flat_map(of_term).collect()
@@ -312,10 +327,10 @@ impl<'a> ViewObjective<'a> {
         lights: &[Light],
         units: &[impl AsRef<[[f32; 3]]>],
         draw: &[Vec<u32>],
-    ) -> Vec<Comparison<'_>> {
+    ) -> Vec<GoalComparison<'_>> {
         let pictures = self.drawn_sums(lights, units, draw);
         let compare = |((term, draw), picture): ((&Term<'a>, &Vec<u32>), Vec<[f32; 3]>)| {
-            Comparison::new(term.target(draw), picture)
+            GoalComparison::new(term.target(draw), picture)
         };
         self.terms.iter().zip(draw).zip(pictures).map(compare).collect()
     }
@@ -347,18 +362,19 @@ impl<'a> ViewObjective<'a> {
         Ok(self.loss_of_units(lights, &units, draw))
     }
 
-    fn loss_of_units(&self, lights: &[Light], units: &[Unit], draw: &[Vec<u32>]) -> f64 {
-        self.compare(lights, units, draw).iter().map(Comparison::loss).sum()
+    fn loss_of_units(&self, lights: &[Light], units: &[UnitPicture], draw: &[Vec<u32>]) -> f64 {
+        self.compare(lights, units, draw).iter().map(GoalComparison::loss).sum()
     }
 
     fn loss_of_halves(&self, lights: &[Light], units: &[Halves], draw: &[Vec<u32>]) -> f64 {
         let [first, second] = [0, 1].map(|half| {
-            let of_half: Vec<&Unit> = units.iter().map(|unit| &unit[half]).collect();
+            let of_half: Vec<&UnitPicture> = units.iter().map(|unit| &unit[half]).collect();
             self.drawn_sums(lights, &of_half, draw)
         });
         let halves = first.into_iter().zip(second).map(|(a, b)| [a, b]);
         let loss = |((term, draw), halves): ((&Term<'a>, &Vec<u32>), Halves)| {
-            Comparison::new(term.target_with(&term.uncertainty(&halves, draw), draw), mean(&halves)).loss()
+            GoalComparison::new(term.target_with(&term.uncertainty(&halves, draw), draw), mean(&halves))
+                .loss()
         };
         self.terms.iter().zip(draw).zip(halves).map(loss).sum()
     }
@@ -369,7 +385,7 @@ impl<'a> ViewObjective<'a> {
         lights: &[Light],
         softness: f32,
         draw: &[Vec<u32>],
-    ) -> Result<Option<Compared>, RelightError> {
+    ) -> Result<Option<LossGradient>, RelightError> {
         let Some(comparison) = &self.comparison else { return Ok(None) };
         let lights = || lights.iter().zip(&self.still);
         let moving: Vec<&Light> =
@@ -382,7 +398,7 @@ impl<'a> ViewObjective<'a> {
     }
 
     /// The gradients of all lights in their order.
-    fn by_light(&self, compared: Compared) -> Vec<LightGradient> {
+    fn by_light(&self, compared: LossGradient) -> Vec<LightGradient> {
         let (mut moving, mut still) = (compared.lights.into_iter(), compared.still.into_iter());
         let of_light = |picture: &Option<_>| match picture {
             Some(_) => still.next().map(|by_radiance| ([0.0; LANES], by_radiance)),
@@ -403,7 +419,7 @@ impl<'a> ViewObjective<'a> {
         let cells = self.cells_of(draw);
         let units = self.linear_units(lights, softness, &cells)?;
         let comparisons = self.compare(lights, &units, draw);
-        let d_picture: Vec<[f32; 3]> = comparisons.iter().flat_map(Comparison::pull_back).collect();
+        let d_picture: Vec<[f32; 3]> = comparisons.iter().flat_map(GoalComparison::pull_back).collect();
         let of_light = |(i, light): (usize, &Light)| {
             let unit = &units[i];
             let mut d_radiance = [0.0; 3];
@@ -414,7 +430,7 @@ impl<'a> ViewObjective<'a> {
             Ok((d_shape, d_radiance))
         };
         let by_light = lights.par_iter().enumerate().map(of_light).collect::<Result<_, OptimiseError>>()?;
-        Ok((comparisons.iter().map(Comparison::loss).sum(), by_light))
+        Ok((comparisons.iter().map(GoalComparison::loss).sum(), by_light))
     }
 
     fn shape_gradient(

@@ -6,7 +6,7 @@ use crate::OptimiseError;
 use crate::objective::Objective;
 use crate::problem::Problem;
 use crate::solve::mappings;
-use fit::{Fit, State};
+use fit::{Fit, FitState};
 use noise::Trust;
 use relume_scene::Light;
 use std::ops::ControlFlow;
@@ -88,9 +88,9 @@ pub fn polish(
 struct Polish<'a> {
     number: usize,
     fit: Fit<'a>,
-    start: State,
+    start: FitState,
     start_loss: f64,
-    best: State,
+    best: FitState,
     /// Stages that are done.
     stages: usize,
     /// Losses after the last two stages.

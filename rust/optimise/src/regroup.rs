@@ -1,5 +1,5 @@
 use crate::OptimiseError;
-use crate::objective::{Draw, Objective, Unit};
+use crate::objective::{Draw, Objective, UnitPicture};
 use crate::problem::Problem;
 use crate::variable::{luminance, power};
 use glam::Vec3;
@@ -47,7 +47,7 @@ struct Regroup<'a> {
     objective: Objective<'a>,
     draw: Draw,
     /// Unit pictures by view and light.
-    units: Vec<Vec<Unit>>,
+    units: Vec<Vec<UnitPicture>>,
 }
 
 impl Regroup<'_> {
@@ -147,7 +147,7 @@ impl Regroup<'_> {
         (bounds.center_max - bounds.center_min).length()
     }
 
-    fn loss(&self, lights: &[Light], units: &[Vec<Unit>]) -> f64 {
+    fn loss(&self, lights: &[Light], units: &[Vec<UnitPicture>]) -> f64 {
         self.objective.loss_of_goals(lights, units, &self.draw)
     }
 }

@@ -82,7 +82,7 @@ pub trait Relight: Sync {
     ///
     /// # Errors
     /// Whatever the relighter reports.
-    fn picture(&self, lights: &[&Light]) -> Result<Picture, RelightError> {
+    fn picture(&self, lights: &[&Light]) -> Result<PictureCells, RelightError> {
         let (width, height) = self.size();
         let cells: Vec<u32> =
             (0..(width.div_ceil(self.cell()) * height.div_ceil(self.cell())) as u32).collect();
@@ -97,7 +97,7 @@ pub trait Relight: Sync {
             sum
         };
         let exact = [sum(0), sum(1)];
-        Ok(Picture { clean: exact.clone(), exact })
+        Ok(PictureCells { clean: exact.clone(), exact })
     }
 
     /// Takes over the comparison with what is wanted, if that is better done where the pictures are made: on a device, from which
@@ -116,7 +116,7 @@ pub trait Relight: Sync {
 
 /// The cells of a picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub struct PictureCells {
     /// Two exact estimates with independent noise, or twice the same if there is none.
     pub exact: [Vec<[f32; 3]>; 2],
     /// Cells with as little noise as they can be made, which need not be exact any more.
@@ -136,12 +136,12 @@ pub trait Compare: Sync {
         still: &[[f32; 3]],
         softness: f32,
         targets: &[TermTarget],
-    ) -> Result<Option<Compared>, RelightError>;
+    ) -> Result<Option<LossGradient>, RelightError>;
 }
 
 /// A loss and its derivatives.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Compared {
+pub struct LossGradient {
     /// The loss.
     pub loss: f64,
     /// Derivatives by the lanes of each light's shape and by its radiance.

@@ -42,7 +42,7 @@ impl Default for Settings {
 
 /// State of the solver; handed to the caller after every step.
 #[derive(Clone, Copy, Debug)]
-pub struct Step<'a> {
+pub struct SolverStep<'a> {
     /// Number of the start.
     pub start: usize,
     /// Number of starts that are still followed.
@@ -109,7 +109,7 @@ pub fn solve(
     problem: &Problem,
     starts: &[Vec<Light>],
     settings: &Settings,
-    on_step: &(dyn Fn(Step) -> ControlFlow<()> + Sync),
+    on_step: &(dyn Fn(SolverStep) -> ControlFlow<()> + Sync),
 ) -> Result<Solution, OptimiseError> {
     problem.validate()?;
     if !(settings.learning_rate > 0.0 && settings.pixel_fraction > 0.0) {
@@ -129,27 +129,27 @@ pub fn solve(
 struct Race<'a> {
     problem: &'a Problem<'a>,
     settings: &'a Settings,
-    on_step: &'a (dyn Fn(Step) -> ControlFlow<()> + Sync),
+    on_step: &'a (dyn Fn(SolverStep) -> ControlFlow<()> + Sync),
     cancelled: AtomicBool,
 }
 
-/// State that the starts of one part have in common.
-struct Part<'a> {
+/// State that the starts have in common in one part of the race.
+struct RacePart<'a> {
     objective: &'a Objective<'a>,
-    check: &'a Check<'a>,
+    check: &'a StartCheck<'a>,
     iterations: std::ops::Range<usize>,
     starts: usize,
     may_end: bool,
 }
 
 /// Comparison of starts: the loss at the final softness over evenly spread cells.
-struct Check<'a> {
+struct StartCheck<'a> {
     objective: Objective<'a>,
     draw: Draw,
 }
 
-impl Check<'_> {
-    fn loss(&self, run: &Run) -> Result<f64, OptimiseError> {
+impl StartCheck<'_> {
+    fn loss(&self, run: &StartRun) -> Result<f64, OptimiseError> {
         self.objective.loss(&run.mappings, &run.lights, &self.draw)
     }
 }
@@ -158,15 +158,15 @@ impl Race<'_> {
     fn run(&self, starts: &[Vec<Light>]) -> Result<Solution, OptimiseError> {
         let [from, to] = self.settings.softness;
         let last = Objective::new(self.problem, to)?;
-        let check = Check { draw: last.spread(CHECK_CELLS), objective: last };
-        let new = |(number, start): (usize, &Vec<Light>)| Run::new(self, number, start, &check);
+        let check = StartCheck { draw: last.spread(CHECK_CELLS), objective: last };
+        let new = |(number, start): (usize, &Vec<Light>)| StartRun::new(self, number, start, &check);
         let mut runs = starts.par_iter().enumerate().map(new).collect::<Result<Vec<_>, _>>()?;
         for part in 0..PARTS {
             let softness =
                 if to > 0.0 { from * (to / from).powf(part as f32 / (PARTS - 1) as f32) } else { 0.0 };
             let new = if softness == to { None } else { Some(Objective::new(self.problem, softness)?) };
             let at = |part: usize| part * self.settings.iterations / PARTS;
-            let part = Part {
+            let part = RacePart {
                 objective: new.as_ref().unwrap_or(&check.objective),
                 check: &check,
                 iterations: at(part)..at(part + 1),
@@ -181,7 +181,7 @@ impl Race<'_> {
         }
         let mut runs = runs.into_iter();
         let best = runs.next().ok_or(OptimiseError::Diverged)?;
-        let runner_up = |run: Run| RunnerUp {
+        let runner_up = |run: StartRun| RunnerUp {
             lights: run.best,
             start_loss: run.start_loss,
             start: run.number,
@@ -199,8 +199,8 @@ impl Race<'_> {
     }
 }
 
-/// One start.
-struct Run {
+/// Descent from one start.
+struct StartRun {
     number: usize,
     mappings: Vec<Mapping>,
     lights: Vec<Light>,
@@ -217,8 +217,8 @@ struct Run {
     has_ended: bool,
 }
 
-impl Run {
-    fn new(race: &Race, number: usize, start: &[Light], check: &Check) -> Result<Self, OptimiseError> {
+impl StartRun {
+    fn new(race: &Race, number: usize, start: &[Light], check: &StartCheck) -> Result<Self, OptimiseError> {
         let subsets = check.objective.views.iter().map(|view| {
             let subset = |term: &crate::term::Term| {
                 let share = race.settings.pixel_fraction.min(1.0) * term.len() as f32;
@@ -246,7 +246,7 @@ impl Run {
         Ok(new)
     }
 
-    fn follow(&mut self, race: &Race, part: &Part) -> Result<(), OptimiseError> {
+    fn follow(&mut self, race: &Race, part: &RacePart) -> Result<(), OptimiseError> {
         for iteration in part.iterations.clone() {
             if self.has_ended || race.cancelled.load(Ordering::Relaxed) {
                 return Ok(());
@@ -258,7 +258,7 @@ impl Run {
                 .collect();
             let (loss, gradient) = part.objective.gradient(&self.mappings, &self.lights, &draw)?;
             let step =
-                Step { start: self.number, starts: part.starts, iteration, loss, lights: &self.lights };
+                SolverStep { start: self.number, starts: part.starts, iteration, loss, lights: &self.lights };
             if (race.on_step)(step).is_break() {
                 race.cancelled.store(true, Ordering::Relaxed);
             }
@@ -280,7 +280,7 @@ impl Run {
         Ok(())
     }
 
-    fn compare(&mut self, part: &Part) -> Result<(), OptimiseError> {
+    fn compare(&mut self, part: &RacePart) -> Result<(), OptimiseError> {
         let loss = part.check.loss(self)?;
         self.stale = if loss < (1.0 - LEAST_GAIN) * self.best_loss { 0 } else { self.stale + 1 };
         self.has_ended = part.may_end && self.stale > PATIENCE;

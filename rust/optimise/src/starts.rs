@@ -1,5 +1,5 @@
 use crate::goal::Criterion;
-use crate::objective::{Draw, Objective, Unit};
+use crate::objective::{Draw, Objective, UnitPicture};
 use crate::problem::Problem;
 use crate::random::Random;
 use crate::variable::{luminance, power};
@@ -44,11 +44,11 @@ pub fn random_starts(problem: &Problem, options: &RandomStarts) -> Result<Vec<Ve
         .flat_map(|view| view.goals)
         .any(|goal| matches!(goal.criterion, Criterion::Target { .. }));
     let draw = objective.spread(COMPARED);
-    let search = Search { problem, draw, objective, options, from_darkness: has_target };
+    let search = StartSearch { problem, draw, objective, options, from_darkness: has_target };
     (0..options.count as u64).into_par_iter().map(|number| search.start(number)).collect()
 }
 
-struct Search<'a> {
+struct StartSearch<'a> {
     problem: &'a Problem<'a>,
     objective: Objective<'a>,
     draw: Draw,
@@ -60,10 +60,10 @@ struct Search<'a> {
 struct Placed {
     lights: Vec<Light>,
     /// Unit pictures by view and light.
-    units: Vec<Vec<Unit>>,
+    units: Vec<Vec<UnitPicture>>,
 }
 
-impl Search<'_> {
+impl StartSearch<'_> {
     fn start(&self, number: u64) -> Result<Vec<Light>, OptimiseError> {
         let mut random = Random::new(self.options.seed.wrapping_mul(0x9e37_79b9) ^ number << 40 ^ 0x5eed);
         let variables = &self.problem.variables;
@@ -115,7 +115,7 @@ impl Search<'_> {
             placed.lights[number] = candidates[0].clone();
             return Ok(());
         }
-        let mut best: Option<(f64, Light, Vec<Unit>)> = None;
+        let mut best: Option<(f64, Light, Vec<UnitPicture>)> = None;
         for candidate in candidates {
             let own = self.objective.units_of(number, &candidate, &self.draw)?;
             for (units, own) in placed.units.iter_mut().zip(&own) {

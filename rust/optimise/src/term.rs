@@ -100,7 +100,7 @@ impl<'a> Term<'a> {
         let uncertainty = self.uncertainty(exact, draw);
         let of_exact = Uncertainty { factor: self.factor_to_exact(clean, exact, draw), ..uncertainty };
         let residual = |uncertainty: &Uncertainty| {
-            Comparison::new(self.target_with(uncertainty, draw), clean.to_vec()).whole
+            GoalComparison::new(self.target_with(uncertainty, draw), clean.to_vec()).whole
         };
         match (residual(&of_exact), residual(&uncertainty)) {
             (Some((exact, _)), Some((clean, _))) if self.criterion.is_worse(exact, clean) => of_exact,
@@ -233,13 +233,13 @@ pub struct TermTarget<'a> {
 impl<'a> TermTarget<'a> {
     /// The loss of these cells of a picture, scene-linear RGB, and its derivative by each of their values.
     pub fn compare(self, picture: Vec<[f32; 3]>) -> (f64, Vec<[f32; 3]>) {
-        let comparison = Comparison::new(self, picture);
+        let comparison = GoalComparison::new(self, picture);
         (comparison.loss(), comparison.pull_back())
     }
 }
 
 /// A goal at some cells of a picture.
-pub(crate) struct Comparison<'a> {
+pub(crate) struct GoalComparison<'a> {
     target: TermTarget<'a>,
     /// Exposed cells, before `gain`.
     exposed: Vec<[f32; 3]>,
@@ -253,7 +253,7 @@ pub(crate) struct Comparison<'a> {
     whole: Option<([f32; 3], [[f32; 3]; 3])>,
 }
 
-impl<'a> Comparison<'a> {
+impl<'a> GoalComparison<'a> {
     pub(crate) fn new(target: TermTarget<'a>, picture: Vec<[f32; 3]>) -> Self {
         let TermTarget { criterion, references, shares, .. } = &target;
         let exposed: Vec<[f32; 3]> = picture.iter().map(|p| p.map(|p| target.exposure * p)).collect();

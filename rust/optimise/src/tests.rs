@@ -301,7 +301,7 @@ fn cancelling_at_any_step_gives_the_best_until_then() {
     let view = View { relight: &FLOOR, base: &base, still: vec![None], goals: &goals };
     let problem = Problem { views: vec![view], variables: vec![variable(light)] };
     for last in [0, 1, 30] {
-        let stop = |step: Step| match step.iteration >= last {
+        let stop = |step: SolverStep| match step.iteration >= last {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };

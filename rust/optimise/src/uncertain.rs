@@ -1,7 +1,7 @@
 use crate::OptimiseError;
 use crate::objective::Objective;
 use crate::problem::Problem;
-use crate::term::Comparison;
+use crate::term::GoalComparison;
 use relume_scene::Light;
 
 /// Cells of each goal by which lights are judged.
@@ -18,7 +18,7 @@ pub fn is_uncertain(problem: &Problem, lights: &[Light]) -> Result<bool, Optimis
     for (view, draw) in objective.views.iter().zip(&objective.spread(JUDGED)) {
         let picture = view.whole_picture(lights)?;
         let uncertainties = view.uncertainties(&picture, draw);
-        if view.compare_picture(&picture, &uncertainties, draw).iter().any(Comparison::is_off) {
+        if view.compare_picture(&picture, &uncertainties, draw).iter().any(GoalComparison::is_off) {
             return Ok(true);
         }
     }

@@ -22,7 +22,7 @@ pub(crate) trait Real:
 /// Eight lanes.
 #[derive(Clone, Copy)]
 #[repr(align(32))]
-pub(crate) struct Lanes(pub [f32; 8]);
+pub(crate) struct EightLanes(pub [f32; 8]);
 
 /// A value and its derivatives by the light's parameters.
 #[derive(Clone, Copy, Debug)]
@@ -33,7 +33,7 @@ pub(crate) struct Dual {
 
 macro_rules! lane_operator {
     ($trait:ident, $name:ident, $operator:tt) => {
-        impl $trait for Lanes {
+        impl $trait for EightLanes {
             type Output = Self;
             #[inline(always)]
             fn $name(self, other: Self) -> Self {
@@ -52,7 +52,7 @@ lane_operator!(Sub, sub, -);
 lane_operator!(Mul, mul, *);
 lane_operator!(Div, div, /);
 
-impl Neg for Lanes {
+impl Neg for EightLanes {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -60,7 +60,7 @@ impl Neg for Lanes {
     }
 }
 
-impl Real for Lanes {
+impl Real for EightLanes {
     #[inline(always)]
     fn constant(x: f32) -> Self {
         Self([x; 8])
@@ -184,7 +184,7 @@ fn difference<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
 
 /// Properties of a pixel that the features need.
 #[derive(Clone, Copy)]
-pub(crate) struct Surface<T> {
+pub(crate) struct PixelSurface<T> {
     /// First hit, in units of the scene's scale.
     pub position: Vector<T>,
     /// Shading normal.
@@ -209,7 +209,11 @@ pub(crate) fn scaled_params(light: &LightParams, center: [f32; 3], scale: f32) -
 /// powers (2), two compressions of the unshadowed irradiance per area of the light, and its apparent size (round
 /// lights) or the cosine at the light (quads). All stay finite inside the light.
 #[inline(always)]
-pub(crate) fn features<T: Real>(kind: LightKind, light: &[T; MAX_PARAMS], at: &Surface<T>) -> [T; FEATURES] {
+pub(crate) fn features<T: Real>(
+    kind: LightKind,
+    light: &[T; MAX_PARAMS],
+    at: &PixelSurface<T>,
+) -> [T; FEATURES] {
     let one = T::constant(1.0);
     let offset = difference([light[0], light[1], light[2]], at.position);
     let (area, flux, extra) = match kind {

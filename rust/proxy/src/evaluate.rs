@@ -1,7 +1,7 @@
 use rayon::prelude::*;
 
 use crate::loss::TILE;
-use crate::network::{Context, Network};
+use crate::network::{Network, NetworkContext};
 use crate::scene_cache::SceneCache;
 use crate::simd::{AlignedVec, Isa, LANES, prefetch};
 use crate::{LightParams, MAX_PARAMS};
@@ -27,7 +27,7 @@ impl<N: Network> Evaluator<N> {
         let packed = network.pack(&params);
         let size = network.pixel_rows() * LANES;
         let mut encoded = AlignedVec::zeros(pixel_count.div_ceil(LANES) * size);
-        let context = Context { isa, scene: &scene, params: &params };
+        let context = NetworkContext { isa, scene: &scene, params: &params };
         encoded.par_chunks_mut(size).enumerate().for_each(|(tile, out)| {
             let pixels = tile_pixels(tile, pixel_count);
             network.encode_pixels(context, &packed, &pixels, out);
@@ -60,8 +60,8 @@ impl<N: Network> Evaluator<N> {
         self.network.finish_light_gradient(self.context(), &self.packed, lit, sum)
     }
 
-    fn context(&self) -> Context<'_> {
-        Context { isa: self.isa, scene: &self.scene, params: &self.params }
+    fn context(&self) -> NetworkContext<'_> {
+        NetworkContext { isa: self.isa, scene: &self.scene, params: &self.params }
     }
 
     /// All pixels, `scale * max(output, 0)`.

@@ -1,4 +1,4 @@
-use crate::analytic::{Dual, FEATURES, Lanes, Real, Surface, features, scaled_params};
+use crate::analytic::{Dual, EightLanes, FEATURES, PixelSurface, Real, features, scaled_params};
 use crate::encoding::{LightEncoding, dual_params};
 use crate::scene_cache::{SURFACE, surface_lanes};
 use crate::simd::{Isa, LANES};
@@ -30,7 +30,7 @@ fn feature_tile_avx2(kind: LightKind, params: &[f32; MAX_PARAMS], surfaces: &[f3
 
 #[inline(always)]
 fn feature_tile_body(kind: LightKind, params: &[f32; MAX_PARAMS], surfaces: &[f32], out: &mut [f32]) {
-    let light = params.map(Lanes::constant);
+    let light = params.map(EightLanes::constant);
     for lane in (0..LANES).step_by(8) {
         let values = features(kind, &light, &surface_lanes(surfaces, lane));
         for (row, value) in values.iter().enumerate() {
@@ -57,7 +57,7 @@ pub(crate) fn features_backward(
     }
     for lane in 0..LANES {
         let row = |row: usize| Dual::constant(surfaces[row * LANES + lane]);
-        let at = Surface {
+        let at = PixelSurface {
             position: [row(0), row(1), row(2)],
             normal: [row(3), row(4), row(5)],
             mirror: [row(6), row(7), row(8)],

@@ -2,7 +2,7 @@ use rayon::prelude::*;
 
 use crate::LightParams;
 use crate::loss::TILE;
-use crate::network::{CHUNK_TILES, Chunk, ChunkGradients, Context, Network};
+use crate::network::{CHUNK_TILES, ChunkGradients, Network, NetworkContext, SampleChunk};
 use crate::params::Role;
 use crate::simd::{AlignedVec, LANES};
 
@@ -30,13 +30,14 @@ pub struct Batch {
 
 /// Buffers for the gradient of a batch.
 pub(crate) struct GradientBuffers<N: Network> {
-    parts: Vec<Part<N>>,
+    parts: Vec<GradientPart<N>>,
     encoded: Vec<f32>,
     /// Gradient by all parameters.
     pub total: AlignedVec,
 }
 
-struct Part<N: Network> {
+/// Gradient by some of the chunks, and its buffers.
+struct GradientPart<N: Network> {
     scratch: N::TrainScratch,
     grads: AlignedVec,
     loss: f64,
@@ -52,7 +53,7 @@ impl<N: Network> GradientBuffers<N> {
         let dense = dense_len(network);
         while self.parts.len() < parts {
             let grads = AlignedVec::zeros(dense);
-            self.parts.push(Part { scratch: network.train_scratch(), grads, loss: 0.0 });
+            self.parts.push(GradientPart { scratch: network.train_scratch(), grads, loss: 0.0 });
         }
         self.encoded.resize(encoded, 0.0);
     }
@@ -68,7 +69,7 @@ fn dense_len<N: Network>(network: &N) -> usize {
 pub(crate) fn batch_gradient<N: Network>(
     network: &N,
     packed: &N::Packed,
-    context: Context<'_>,
+    context: NetworkContext<'_>,
     batch: &Batch,
     buffers: &mut GradientBuffers<N>,
 ) -> f64 {
@@ -106,10 +107,10 @@ pub(crate) fn batch_gradient<N: Network>(
     parts.iter().map(|part| part.loss).sum::<f64>()
 }
 
-fn chunk_of(batch: &Batch, index: usize, weight: f32) -> Chunk<'_> {
+fn chunk_of(batch: &Batch, index: usize, weight: f32) -> SampleChunk<'_> {
     let tiles = index * CHUNK_TILES..(index + 1) * CHUNK_TILES;
     let pixels = CHUNK_TILES / batch.slots * LANES;
-    Chunk {
+    SampleChunk {
         pixels: &batch.pixels[index * pixels..(index + 1) * pixels],
         slots: batch.slots,
         lights: &batch.lights[tiles.clone()],

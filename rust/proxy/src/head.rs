@@ -27,7 +27,7 @@ pub(crate) struct Head {
 }
 
 #[derive(Debug)]
-struct Pair {
+struct PackedPair {
     forward: PackedMatrix,
     backward: PackedMatrix,
 }
@@ -35,9 +35,9 @@ struct Pair {
 /// Weights of a [`Head`] in the order of the kernels.
 #[derive(Debug)]
 pub(crate) struct PackedHead {
-    features: Pair,
-    hidden: Vec<Pair>,
-    output: Pair,
+    features: PackedPair,
+    hidden: Vec<PackedPair>,
+    output: PackedPair,
     output_bias: Vec<f32>,
 }
 
@@ -89,7 +89,7 @@ impl Head {
             forward.pack(values, tensor.stride);
             let mut backward = PackedMatrix::new(tensor.cols, tensor.rows);
             backward.pack_transposed(values, tensor.stride);
-            Pair { forward, backward }
+            PackedPair { forward, backward }
         };
         PackedHead {
             features: pair(self.features),

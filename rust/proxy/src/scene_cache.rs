@@ -2,7 +2,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::PixelFeatures;
-use crate::analytic::{Lanes, Surface};
+use crate::analytic::{EightLanes, PixelSurface};
 use crate::simd::LANES;
 
 /// Normalisation of pixel features and light parameters to the range of a network.
@@ -83,13 +83,13 @@ impl SceneCache {
 
 /// Eight lanes of a tile of surfaces.
 #[inline(always)]
-pub(crate) fn surface_lanes(tile: &[f32], lane: usize) -> Surface<Lanes> {
+pub(crate) fn surface_lanes(tile: &[f32], lane: usize) -> PixelSurface<EightLanes> {
     let row = |row: usize| {
         let mut lanes = [0.0; 8];
         lanes.copy_from_slice(&tile[row * LANES + lane..row * LANES + lane + 8]);
-        Lanes(lanes)
+        EightLanes(lanes)
     };
-    Surface {
+    PixelSurface {
         position: [row(0), row(1), row(2)],
         normal: [row(3), row(4), row(5)],
         mirror: [row(6), row(7), row(8)],

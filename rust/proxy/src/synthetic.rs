@@ -18,11 +18,11 @@ pub struct SyntheticRoom {
     width: usize,
     height: usize,
     noise: f32,
-    hits: Vec<Hit>,
+    hits: Vec<SyntheticHit>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Hit {
+struct SyntheticHit {
     position: Vec3,
     normal: Vec3,
     albedo: [f32; 3],
@@ -44,7 +44,7 @@ impl SyntheticRoom {
 
     /// The AOVs.
     pub fn features(&self) -> PixelFeatures {
-        let wo = |h: &Hit| (EYE - h.position).normalize().to_array();
+        let wo = |h: &SyntheticHit| (EYE - h.position).normalize().to_array();
         PixelFeatures {
             width: self.width,
             height: self.height,
@@ -119,18 +119,22 @@ fn camera_ray(x: usize, y: usize, width: usize, height: usize) -> Vec3 {
     Vec3::new(u, 1.0, v - 0.2).normalize()
 }
 
-fn first_hit(origin: Vec3, direction: Vec3) -> Hit {
+fn first_hit(origin: Vec3, direction: Vec3) -> SyntheticHit {
     let floor = if direction.z < 0.0 { -origin.z / direction.z } else { f32::INFINITY };
     let wall = (WALL_Y - origin.y) / direction.y;
     let ball = ball_distance(origin, direction).unwrap_or(f32::INFINITY);
     let position = origin + direction * floor.min(wall).min(ball);
     if ball < floor && ball < wall {
-        Hit { position, normal: (position - BALL) / BALL_RADIUS, albedo: [0.8, 0.3, 0.2] }
+        SyntheticHit { position, normal: (position - BALL) / BALL_RADIUS, albedo: [0.8, 0.3, 0.2] }
     } else if wall < floor {
-        Hit { position, normal: Vec3::NEG_Y, albedo: [0.6, 0.6, 0.5] }
+        SyntheticHit { position, normal: Vec3::NEG_Y, albedo: [0.6, 0.6, 0.5] }
     } else {
         let dark = ((position.x * 3.0).floor() + (position.y * 3.0).floor()).rem_euclid(2.0) > 0.5;
-        Hit { position, normal: Vec3::Z, albedo: if dark { [0.1, 0.1, 0.2] } else { [0.7, 0.7, 0.7] } }
+        SyntheticHit {
+            position,
+            normal: Vec3::Z,
+            albedo: if dark { [0.1, 0.1, 0.2] } else { [0.7, 0.7, 0.7] },
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use relume_image::{Image, metrics};
 use crate::encoding::{LightEncoding, OutputScale};
 use crate::gpu::train::DeviceCore;
 use crate::gradient::{Batch, GradientBuffers, batch_gradient};
-use crate::network::{Context, FastNetwork, Network, ReferenceNetwork};
+use crate::network::{FastNetwork, Network, NetworkContext, ReferenceNetwork};
 use crate::optim::Optimiser;
 use crate::params::{ParamLayout, Role, Tensor};
 use crate::pool::{Pool, images_of};
@@ -233,7 +233,7 @@ impl Trainer {
     /// [`ProxyError::Diverged`], with the weights as before.
     pub fn descend(&mut self, batch: &Batch, done: f32) -> Result<f64, ProxyError> {
         let state = &mut self.state;
-        let context = Context { isa: self.isa, scene: &self.scene, params: &state.params };
+        let context = NetworkContext { isa: self.isa, scene: &self.scene, params: &state.params };
         let (loss, layout, gradient) = self.core.gradient(context, batch);
         if !loss.is_finite() || !gradient.iter().all(|g| g.is_finite()) {
             return Err(ProxyError::Diverged { step: state.step });
@@ -459,7 +459,7 @@ impl Core {
         }
     }
 
-    fn gradient(&mut self, context: Context<'_>, batch: &Batch) -> (f64, &ParamLayout, &[f32]) {
+    fn gradient(&mut self, context: NetworkContext<'_>, batch: &Batch) -> (f64, &ParamLayout, &[f32]) {
         match self {
             Self::Reference(core) => core.gradient(context, batch),
             Self::Fast(core) => core.gradient(context, batch),
@@ -473,7 +473,7 @@ impl<N: Network> CoreOf<N> {
         Box::new(Self { network, buffers })
     }
 
-    fn gradient(&mut self, context: Context<'_>, batch: &Batch) -> (f64, &ParamLayout, &[f32]) {
+    fn gradient(&mut self, context: NetworkContext<'_>, batch: &Batch) -> (f64, &ParamLayout, &[f32]) {
         let packed = self.network.pack(context.params);
         let loss = batch_gradient(&self.network, &packed, context, batch, &mut self.buffers);
         (loss, self.network.layout(), &self.buffers.total)

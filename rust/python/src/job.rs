@@ -34,9 +34,9 @@ impl Listener for Inbox {
 }
 
 /// Receives interim results, in JSON.
-pub type Show = dyn Fn(String) + Sync;
+pub type InterimListener = dyn Fn(String) + Sync;
 
-type Outcome = Result<serde_json::Value, NativeError>;
+type JobResult = Result<serde_json::Value, NativeError>;
 
 /// Running work.
 #[pyclass(name = "Job", module = "relume", frozen)]
@@ -45,7 +45,7 @@ pub struct PyJob {
     cancel: Cancel,
     /// Interim result in JSON, since it was last asked for.
     preview: Arc<Mutex<Option<String>>>,
-    thread: Mutex<Option<JoinHandle<Outcome>>>,
+    thread: Mutex<Option<JoinHandle<JobResult>>>,
 }
 
 impl PyJob {
@@ -58,7 +58,7 @@ impl PyJob {
 
     /// [`PyJob::start`] for `work` that also shows interim results.
     pub fn start_with_preview<E: Into<NativeError>>(
-        work: impl FnOnce(&Monitor, &Show) -> Result<serde_json::Value, E> + Send + 'static,
+        work: impl FnOnce(&Monitor, &InterimListener) -> Result<serde_json::Value, E> + Send + 'static,
     ) -> PyResult<Self> {
         let preview = Arc::new(Mutex::new(None));
         let inbox_of_preview = preview.clone();

@@ -195,7 +195,7 @@ fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py
 #[pyclass(name = "Frame", module = "relume", frozen)]
 pub struct PyFrame {
     frame: Arc<live::Frame>,
-    /// Copied when it is first asked for.
+    /// Pixels, copied on the first access.
     image: PyOnceLock<Py<PyArray3<f32>>>,
 }
 

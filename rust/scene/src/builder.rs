@@ -1,7 +1,7 @@
 //! Builds a [`Scene`] piece by piece and refuses what the tracer could trip over.
 
 use crate::damage::can_be_placed;
-use crate::validate::world_problem;
+use crate::validate::world_fault;
 use crate::{Camera, Instance, Light, Material, Mesh, Node, Scene, Texels, Texture, World};
 use serde::Deserialize;
 use serde_json::Value;
@@ -57,7 +57,7 @@ impl SceneBuilder {
 
     /// Sets the world; its texture must have been added before.
     pub fn set_world(&mut self, world: World) -> Result<(), BuildError> {
-        if let Some(reason) = world_problem(&world, &self.scene.textures) {
+        if let Some(reason) = world_fault(&world, &self.scene.textures) {
             return Err(part("world", "World", reason));
         }
         self.scene.world = world;

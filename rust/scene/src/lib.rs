@@ -49,7 +49,7 @@ pub use procedural::{
     VoronoiHash, VoronoiTexture, WaveDirection, WaveKind, WaveProfile, WaveTexture,
 };
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
-pub use validate::{MOST_RADIANCE, Problem};
+pub use validate::{MOST_RADIANCE, SceneFault};
 pub use world::World;
 
 /// Everything that the tracer needs, and the lights that the file came with.

@@ -7,7 +7,7 @@ pub const MOST_RADIANCE: f32 = 1e30;
 
 /// Something that makes a scene untraceable: which part, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub struct Problem {
+pub struct SceneFault {
     /// Kind of the part: `"mesh"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
     pub part: &'static str,
     /// Name of the part.
@@ -16,7 +16,7 @@ pub struct Problem {
     pub reason: String,
 }
 
-impl fmt::Display for Problem {
+impl fmt::Display for SceneFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} '{}': {}", self.part, self.name, self.reason)
     }
@@ -24,16 +24,16 @@ impl fmt::Display for Problem {
 
 impl Scene {
     /// Checks that the tracer can take the scene: all indices in range, all numbers finite, something to see and a
-    /// camera to see it with. Triangles without area are no problem, the tracer leaves them out.
+    /// camera to see it with. Triangles without area are no fault, the tracer leaves them out.
     ///
     /// # Errors
-    /// All problems found, at most one for each part.
-    pub fn validate(&self) -> Result<(), Vec<Problem>> {
-        let mut problems = Vec::new();
+    /// All faults found, at most one for each part.
+    pub fn validate(&self) -> Result<(), Vec<SceneFault>> {
+        let mut faults = Vec::new();
         let mut check = |part, name: &str, reason: Option<String>| {
-            problems.extend(reason.map(|reason| Problem { part, name: name.to_owned(), reason }));
+            faults.extend(reason.map(|reason| SceneFault { part, name: name.to_owned(), reason }));
         };
-        check("camera", &self.camera.name, self.camera_problem());
+        check("camera", &self.camera.name, self.camera_fault());
         let is_empty = self
             .instances
             .iter()
@@ -44,19 +44,19 @@ impl Scene {
             is_empty.then(|| "it has no surfaces; enable objects for rendering".to_owned()),
         );
         for mesh in &self.meshes {
-            check("mesh", &mesh.name, mesh_problem(mesh, self));
+            check("mesh", &mesh.name, mesh_fault(mesh, self));
         }
         for instance in &self.instances {
-            check("object", &instance.name, self.instance_problem(instance));
+            check("object", &instance.name, self.instance_fault(instance));
         }
         for material in &self.materials {
-            check("material", &material.name, self.material_problem(material));
+            check("material", &material.name, self.material_fault(material));
         }
         for texture in &self.textures {
-            check("image", &texture.name, texture_problem(texture));
+            check("image", &texture.name, texture_fault(texture));
         }
-        check("world", "World", world_problem(&self.world, &self.textures));
-        if problems.is_empty() { Ok(()) } else { Err(problems) }
+        check("world", "World", world_fault(&self.world, &self.textures));
+        if faults.is_empty() { Ok(()) } else { Err(faults) }
     }
 
     /// Object names by receiver number, for light linking.
@@ -70,7 +70,7 @@ impl Scene {
         names
     }
 
-    fn camera_problem(&self) -> Option<String> {
+    fn camera_fault(&self) -> Option<String> {
         const SIZE_LIMIT: usize = 1 << 16;
         let camera = &self.camera;
         let in_range = |size: usize| (1..=SIZE_LIMIT).contains(&size);
@@ -98,7 +98,7 @@ impl Scene {
         }
     }
 
-    fn instance_problem(&self, instance: &Instance) -> Option<String> {
+    fn instance_fault(&self, instance: &Instance) -> Option<String> {
         if instance.mesh >= self.meshes.len() {
             Some("its mesh does not exist".to_owned())
         } else if instance.materials.iter().any(|material| *material >= self.materials.len()) {
@@ -112,7 +112,7 @@ impl Scene {
         }
     }
 
-    fn material_problem(&self, material: &Material) -> Option<String> {
+    fn material_fault(&self, material: &Material) -> Option<String> {
         let missing = material.nodes.iter().find_map(|node| match node {
             Node::ImageTexture { texture, .. } => {
                 Some(*texture).filter(|texture| *texture >= self.textures.len())
@@ -148,7 +148,7 @@ fn glow(node: &Node) -> f32 {
 }
 
 /// Fault of a world, in words.
-pub(crate) fn world_problem(world: &World, textures: &[Texture]) -> Option<String> {
+pub(crate) fn world_fault(world: &World, textures: &[Texture]) -> Option<String> {
     if world.texture.is_some_and(|texture| texture >= textures.len()) {
         return Some("its image does not exist".to_owned());
     }
@@ -161,7 +161,7 @@ pub(crate) fn world_problem(world: &World, textures: &[Texture]) -> Option<Strin
 }
 
 /// The first vertex that is no number is named with the objects that use the mesh, since those are what the user sees.
-fn mesh_problem(mesh: &Mesh, scene: &Scene) -> Option<String> {
+fn mesh_fault(mesh: &Mesh, scene: &Scene) -> Option<String> {
     let (corners, vertices) = (3 * mesh.triangles.len(), mesh.positions.len());
     let differs = |length: usize, expected: usize| length != 0 && length != expected;
     if let Some(vertex) = mesh.positions.iter().position(|position| !position.is_finite()) {
@@ -189,7 +189,7 @@ fn mesh_problem(mesh: &Mesh, scene: &Scene) -> Option<String> {
     }
 }
 
-fn texture_problem(texture: &Texture) -> Option<String> {
+fn texture_fault(texture: &Texture) -> Option<String> {
     let values = match &texture.texels {
         Texels::Byte(texels) => texels.len(),
         Texels::Float(texels) => texels.len(),
@@ -255,9 +255,9 @@ mod tests {
         let linked = || Input::Link { node: 0, output: crate::Output::Color };
         assert_eq!(glowing(Input::Rgb([1.0, 0.5, 0.0]), 1e30).validate(), Ok(()));
         for scene in [glowing(Input::Rgb([0.0, 1e20, 0.0]), 1e20), glowing(linked(), f32::MAX)] {
-            let [problem] = &scene.validate().unwrap_err()[..] else { panic!("one problem") };
-            assert_eq!((problem.part, problem.name.as_str()), ("material", "Neon"));
-            assert!(problem.reason.ends_with("lower its emission strength"), "{problem}");
+            let [fault] = &scene.validate().unwrap_err()[..] else { panic!("one fault") };
+            assert_eq!((fault.part, fault.name.as_str()), ("material", "Neon"));
+            assert!(fault.reason.ends_with("lower its emission strength"), "{fault}");
         }
     }
 

@@ -10,13 +10,13 @@
 //! solve_lights(&[&relighter], &SolveRequest::parse(json)?, &Pictures::in_folder(folder), &monitor, &|_| ())?.lights
 //! ```
 //!
-//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`) and small files beside it: lights of the scene
-//! ([`LIGHTS_FILE`]), lights that the paths are guided towards ([`GUIDED_FILE`]), the light of another world
-//! ([`WORLD_FILE`]), the view transform ([`VIEW_FILE`]). A training adds, for each kind of light,
-//! `proxy_<kind>.safetensors`, its errors `proxy_<kind>.json` ([`Measured`]), and `training_<kind>.safetensors` to
-//! resume from. It also writes `base.exr`, which proxies need to relight without the dump. [`CONTENTS_FILE`] lists the
-//! files that the folder should hold ([`lost_files`]). Everything is written atomically; long work checks the cancel
-//! flag between units and leaves whole files.
+//! A bake folder holds the dump (`manifest.json`, `tile_*.safetensors`) and small files beside it. Those are the lights
+//! of the scene ([`LIGHTS_FILE`]), lights that the paths are guided towards ([`GUIDED_FILE`]), another world
+//! ([`WORLD_FILE`]), and the view transform ([`VIEW_FILE`]). A training adds `proxy_<kind>.safetensors` for each kind
+//! of light, its errors `proxy_<kind>.json` ([`Measured`]), and its state `training_<kind>.safetensors`. It also writes
+//! `base.exr`, which proxies need to relight without the dump. [`CONTENTS_FILE`] lists the files that the folder should
+//! hold ([`lost_files`]). Everything is written atomically; long work checks the cancel flag between units and leaves
+//! whole files.
 
 mod bake;
 mod device;
@@ -64,9 +64,10 @@ pub use solve::{
     Solved, solve_lights,
 };
 pub use train::measure::{Evaluation, evaluate};
+pub use train::settings::{Clock, CurvePoint, TrainReport, TrainSettings};
 pub use train::sizes::default_sizes;
 pub use train::targets::{DumpTargets, GpuTargets};
-pub use train::{Clock, CurvePoint, TrainReport, TrainSettings, train};
+pub use train::train;
 
 pub use relume_gpu as gpu;
 pub use relume_image as image;

@@ -16,23 +16,23 @@ const GRID_COLUMNS: usize = 1024;
 
 /// Radiance by direction.
 #[derive(Debug)]
-pub(crate) struct Environment {
+pub(crate) struct EnvironmentLight {
     /// Radiance, or factor on the texture.
     color: Vec3,
     texture_from_world: Mat3,
     visible_camera: bool,
-    grid: Option<Grid>,
+    grid: Option<DensityGrid>,
 }
 
 /// Piecewise constant density over the texture's plane.
 #[derive(Debug)]
-struct Grid {
+struct DensityGrid {
     cells: Discrete1D,
     columns: usize,
     rows: usize,
 }
 
-impl Environment {
+impl EnvironmentLight {
     /// The world of a scene, with a colour that may be another one than the scene's.
     pub fn new(scene: &Scene, color: [f32; 3], materials: &PreparedMaterials) -> Self {
         let world = &scene.world;
@@ -41,7 +41,7 @@ impl Environment {
         // Densities are computed for rotations (and mirrored ones) only; others are left to BSDF sampling.
         let is_rotation = (transform * transform.transpose()).abs_diff_eq(Mat3::IDENTITY, 1e-4);
         let texture = world.texture.filter(|_| is_rotation && color != Vec3::ZERO);
-        let grid = texture.and_then(|index| Grid::new(scene, materials, index));
+        let grid = texture.and_then(|index| DensityGrid::new(scene, materials, index));
         Self { color, texture_from_world: transform, visible_camera: world.visible_camera, grid }
     }
 
@@ -76,7 +76,7 @@ impl Environment {
         (density > 0.0).then_some((direction, density))
     }
 
-    /// Density of [`Environment::sample`].
+    /// Density of [`EnvironmentLight::sample`].
     pub fn density(&self, direction: Vec3) -> f32 {
         let Some(grid) = &self.grid else { return 0.0 };
         let coords = Vec2::from(equirectangular((self.texture_from_world * direction).normalize_or(Vec3::Z)));
@@ -86,7 +86,7 @@ impl Environment {
     }
 }
 
-impl Grid {
+impl DensityGrid {
     fn new(scene: &Scene, materials: &PreparedMaterials, texture: usize) -> Option<Self> {
         let (width, height) = (scene.textures[texture].width, scene.textures[texture].height);
         let (columns, rows) = (width.min(GRID_COLUMNS), height.min(GRID_COLUMNS / 2));
@@ -188,7 +188,7 @@ mod tests {
     fn sampled_and_uniform_estimates_of_the_irradiance_agree() {
         let scene = scene();
         let materials = PreparedMaterials::new(&scene).0;
-        let environment = Environment::new(&scene, scene.world.color, &materials);
+        let environment = EnvironmentLight::new(&scene, scene.world.color, &materials);
         assert!(environment.can_sample());
         let (mut sampled, mut uniform, mut differing) = (0.0_f64, 0.0_f64, 0);
         let count = 400_000;
@@ -222,7 +222,7 @@ mod tests {
         let mut scene = scene();
         scene.world.visible_camera = false;
         let materials = PreparedMaterials::new(&scene).0;
-        let environment = Environment::new(&scene, scene.world.color, &materials);
+        let environment = EnvironmentLight::new(&scene, scene.world.color, &materials);
         assert_eq!(environment.radiance(&scene, &materials, Vec3::X, true), Vec3::ZERO);
         assert!(environment.radiance(&scene, &materials, Vec3::X, false).x > 0.0);
     }

@@ -8,7 +8,7 @@ use crate::{
     bsdf::{BsdfSample, Caustics, Surface},
     bvh::{Ray, SceneBvh},
     camera::CameraSampler,
-    environment::Environment,
+    environment::EnvironmentLight,
     guide::{Cones, Guide},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
@@ -44,7 +44,7 @@ impl PathSink for TileSamples {
 
 /// Memory that one thread reuses from path to path.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct PathScratch {
     surface: Surface,
     shadow: Surface,
     cones: Cones,
@@ -57,7 +57,7 @@ pub(crate) struct Integrator<'a> {
     pub bvh: SceneBvh,
     pub materials: PreparedMaterials,
     pub camera: CameraSampler,
-    pub environment: Environment,
+    pub environment: EnvironmentLight,
     pub lights: Option<StaticLights>,
     pub settings: PathSettings,
 }
@@ -83,7 +83,7 @@ impl Integrator<'_> {
         sampler: PixelSampler,
         sample: u32,
         guide: Option<&Guide>,
-        scratch: &mut Scratch,
+        scratch: &mut PathScratch,
         sink: &mut impl PathSink,
     ) {
         let camera = self.camera.ray(x, y, sampler.draw(sample, CAMERA_GROUP));
@@ -201,7 +201,7 @@ impl Integrator<'_> {
         u: [f32; 3],
         guide: Option<&Guide>,
         ray: &mut Ray,
-        scratch: &mut Scratch,
+        scratch: &mut PathScratch,
         features: &mut Features,
         last: &mut Option<LastBounce>,
         draw: impl Fn(u32) -> [f32; 4],

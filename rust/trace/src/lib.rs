@@ -23,6 +23,6 @@ pub mod shading;
 mod static_light;
 
 pub use guide::{Guide, hit_probability};
-pub use integrator::{PathSink, Scratch};
-pub use render::{Control, Outcome, Progress, TraceError, Tracer, guide_targets, manifest, trace};
+pub use integrator::{PathScratch, PathSink};
+pub use render::{Control, TraceError, TraceOutcome, TraceProgress, Tracer, guide_targets, manifest, trace};
 pub use settings::TraceSettings;

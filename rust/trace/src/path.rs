@@ -19,7 +19,7 @@ pub(crate) struct PathState {
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
     /// light linking works through them (Cycles' `mis_ray_object`).
     pub receiver: u16,
-    /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::Reach::Lights`]).
+    /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::SampleReach::Lights`]).
     pub lights_only: Option<LightsOnly>,
     /// Smallest density of the path's directions so far (Filter Glossy).
     pub min_pdf: f32,

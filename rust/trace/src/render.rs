@@ -11,9 +11,9 @@ use relume_scene::{Light, Scene};
 use crate::{
     bvh::{BvhError, SceneBvh},
     camera::CameraSampler,
-    environment::Environment,
+    environment::EnvironmentLight,
     guide::Guide,
-    integrator::{Integrator, PathSink, Scratch},
+    integrator::{Integrator, PathScratch, PathSink},
     sampler::PixelSampler,
     settings::TraceSettings,
     shading::PreparedMaterials,
@@ -44,7 +44,7 @@ pub enum TraceError {
 
 /// Outcome of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum TraceOutcome {
     /// All shards are there.
     Complete,
     /// Stopped by [`Control::cancel`]; the shards that are there are whole.
@@ -53,7 +53,7 @@ pub enum Outcome {
 
 /// Progress so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct TraceProgress {
     /// Paths traced or found in the dump.
     pub paths: u64,
     /// Paths in all.
@@ -72,7 +72,7 @@ pub struct Control<'a> {
     /// Set to stop; looked at after every pixel.
     pub cancel: Arc<AtomicBool>,
     /// Called after every shard, one call at a time.
-    pub on_progress: Option<Box<dyn Fn(Progress) + Sync + Send + 'a>>,
+    pub on_progress: Option<Box<dyn Fn(TraceProgress) + Sync + Send + 'a>>,
     /// Called with its number before the first path of every pass that is traced: the lights that it is guided to, instead of
     /// those of the scene and the settings.
     pub lights: Option<Box<dyn Fn(usize) -> Vec<Light> + Sync + Send + 'a>>,
@@ -96,7 +96,7 @@ pub fn trace(
     settings: &TraceSettings,
     sink: &dyn ShardSink,
     control: &Control<'_>,
-) -> Result<Outcome, TraceError> {
+) -> Result<TraceOutcome, TraceError> {
     Tracer::new(scene, settings)?.trace(sink, control)
 }
 
@@ -107,7 +107,7 @@ impl<'a> Tracer<'a> {
     /// If the scene has too many triangles.
     pub fn new(scene: &'a Scene, settings: &TraceSettings) -> Result<Self, TraceError> {
         let (materials, warnings) = PreparedMaterials::new(scene);
-        let environment = Environment::new(scene, world_color(scene, settings), &materials);
+        let environment = EnvironmentLight::new(scene, world_color(scene, settings), &materials);
         let paths = settings.paths.clone();
         let lights = if paths.sample_static_lights {
             StaticLights::new(scene, &materials, &environment)
@@ -143,20 +143,20 @@ impl<'a> Tracer<'a> {
     ///
     /// # Errors
     /// If `sink` is for a dump of another shape, or cannot store a shard.
-    pub fn trace(&self, sink: &dyn ShardSink, control: &Control<'_>) -> Result<Outcome, TraceError> {
+    pub fn trace(&self, sink: &dyn ShardSink, control: &Control<'_>) -> Result<TraceOutcome, TraceError> {
         let manifest = sink.manifest();
         if let Some(difference) = self.manifest().difference(manifest) {
             return Err(TraceError::Mismatch(difference));
         }
-        let run = Run::new(self, manifest, sink, control);
+        let queue = ShardQueue::new(self, manifest, sink, control);
         match self.settings.threads {
-            0 => rayon::broadcast(|_| run.work()),
+            0 => rayon::broadcast(|_| queue.work()),
             threads => {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-                pool.map_err(|source| TraceError::Threads { threads, source })?.broadcast(|_| run.work())
+                pool.map_err(|source| TraceError::Threads { threads, source })?.broadcast(|_| queue.work())
             }
         };
-        run.finish()
+        queue.finish()
     }
 
     /// Traces the paths of one pixel into `sink`.
@@ -165,7 +165,7 @@ impl<'a> Tracer<'a> {
         x: usize,
         y: usize,
         pass: Pass,
-        scratch: &mut Scratch,
+        scratch: &mut PathScratch,
         sink: &mut impl PathSink,
     ) {
         self.trace_guided((x, y), pass, self.guide.as_ref(), scratch, sink);
@@ -176,7 +176,7 @@ impl<'a> Tracer<'a> {
         (x, y): (usize, usize),
         pass: Pass,
         guide: Option<&Guide>,
-        scratch: &mut Scratch,
+        scratch: &mut PathScratch,
         sink: &mut impl PathSink,
     ) {
         let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
@@ -217,9 +217,9 @@ fn world_color(scene: &Scene, settings: &TraceSettings) -> [f32; 3] {
     settings.world_color.unwrap_or(scene.world.color)
 }
 
-/// One run over all shards: a queue of (pass, tile) that the workers take from in order, so that the first picture
-/// comes first and no worker waits for the others at the end of a pass.
-struct Run<'a> {
+/// Queue of (pass, tile) that the workers take from in order, so that the first picture comes first and no worker
+/// waits for the others at the end of a pass.
+struct ShardQueue<'a> {
     tracer: &'a Tracer<'a>,
     manifest: &'a Manifest,
     sink: &'a dyn ShardSink,
@@ -233,7 +233,7 @@ struct Run<'a> {
     failure: Mutex<Option<DumpError>>,
 }
 
-impl<'a> Run<'a> {
+impl<'a> ShardQueue<'a> {
     fn new(
         tracer: &'a Tracer<'a>,
         manifest: &'a Manifest,
@@ -259,7 +259,7 @@ impl<'a> Run<'a> {
 
     /// Loop of each thread until nothing is left.
     fn work(&self) {
-        let mut scratch = Scratch::default();
+        let mut scratch = PathScratch::default();
         let mut samples = TileSamples::new(TileRect { x: 0, y: 0, width: 0, height: 0 });
         let tiles = self.manifest.tile_count();
         while !self.control.cancel.load(Ordering::Relaxed) {
@@ -284,7 +284,13 @@ impl<'a> Run<'a> {
     }
 
     /// False if cancelled half-way.
-    fn trace_tile(&self, tile: usize, pass: usize, scratch: &mut Scratch, samples: &mut TileSamples) -> bool {
+    fn trace_tile(
+        &self,
+        tile: usize,
+        pass: usize,
+        scratch: &mut PathScratch,
+        samples: &mut TileSamples,
+    ) -> bool {
         let rect = self.manifest.tile_rect(tile);
         let (guide, pass) = (self.guide(pass), self.manifest.passes[pass]);
         samples.reset(rect);
@@ -318,7 +324,7 @@ impl<'a> Run<'a> {
         done.1 += 1;
         if let Some(on_progress) = &self.control.on_progress {
             let pixels = (self.manifest.width * self.manifest.height) as u64;
-            on_progress(Progress {
+            on_progress(TraceProgress {
                 paths: done.0,
                 paths_total: pixels * u64::from(self.manifest.samples()),
                 segments: self.segments.load(Ordering::Relaxed),
@@ -328,12 +334,12 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn finish(self) -> Result<Outcome, TraceError> {
+    fn finish(self) -> Result<TraceOutcome, TraceError> {
         if let Some(error) = self.failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(error.into());
         }
         let done = self.done.into_inner().unwrap_or_else(PoisonError::into_inner).1;
         let all = self.manifest.tile_count() * self.manifest.passes.len();
-        Ok(if done == all { Outcome::Complete } else { Outcome::Cancelled })
+        Ok(if done == all { TraceOutcome::Complete } else { TraceOutcome::Cancelled })
     }
 }

@@ -11,7 +11,7 @@ use crate::{
     bsdf::Surface,
     bvh::{Ray, SceneBvh},
     emitters::{Emitters, may_be_transparent},
-    environment::Environment,
+    environment::EnvironmentLight,
     guide::Cones,
     ray_offset::offset_origin,
     shading::{Hit, PreparedMaterials, SurfacePoint},
@@ -46,7 +46,7 @@ pub(crate) struct LastBounce {
 
 impl StaticLights {
     /// Sampler of static lights; nothing if there is nothing to sample.
-    pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &Environment) -> Option<Self> {
+    pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &EnvironmentLight) -> Option<Self> {
         let emitters = Emitters::new(scene, materials);
         let samples_environment = environment.can_sample();
         let by_material: Vec<bool> = scene.materials.iter().map(may_be_transparent).collect();
@@ -86,7 +86,12 @@ impl StaticLights {
     }
 
     /// Weight of the world that the path met in `direction`.
-    pub fn world_weight(&self, last: Option<LastBounce>, environment: &Environment, direction: Vec3) -> f32 {
+    pub fn world_weight(
+        &self,
+        last: Option<LastBounce>,
+        environment: &EnvironmentLight,
+        direction: Vec3,
+    ) -> f32 {
         let Some(last) = last.filter(|_| self.samples_environment) else { return 1.0 };
         power_heuristic(last.pdf, environment.density(direction) * self.environment_share())
     }
@@ -167,7 +172,7 @@ pub(crate) struct ShadowTracer<'a> {
     pub scene: &'a Scene,
     pub bvh: &'a SceneBvh,
     pub materials: &'a PreparedMaterials,
-    pub environment: &'a Environment,
+    pub environment: &'a EnvironmentLight,
     /// Cones that the path's own directions are drawn from beside the surface.
     pub cones: Option<&'a Cones>,
     /// Number of transparent surfaces that may lie before a light.

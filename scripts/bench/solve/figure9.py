@@ -64,7 +64,7 @@ def run(shot, records, args):
 
 
 def settings(shot, args, method, number):
-    """What a run's record is known by."""
+    """Fields that a run's record is known by."""
     same = {"table": "9", "scene": shot.name, "lights": 1, "run": number, "starts": 1} | general(args)
     if method == MITSUBA:
         return same | {"pixel_fraction": 1.0, "through": MITSUBA, "steps": args.peer_steps}
@@ -138,7 +138,7 @@ def line(record):
 
 
 def problem(record):
-    """What two methods must have in common to be compared."""
+    """Values that two methods must have in common to be compared."""
     return tuple(record[key] for key in ("run", "threads", *GENERAL) if key != "steps")
 
 

@@ -32,9 +32,9 @@ from addon.export.linking import LightLinking  # noqa: E402
 
 HITS = 400
 MARGIN = 0.05
-"""Of the box of what the camera sees: lights stay this share of its edges away from its sides."""
+"""Share of the edges of the box of what the camera sees that lights stay away from its sides."""
 RADII = (0.03, 0.1)
-"""Of a sphere light, in cube roots of the volume of that box."""
+"""Radii of a sphere light, in cube roots of the volume of that box."""
 
 
 SETTINGS = {"radius", "use_soft_falloff", "shape", "size", "size_y", "spread", "spot_size", "spot_blend", "angle"}

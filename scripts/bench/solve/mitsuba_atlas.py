@@ -78,8 +78,8 @@ def share_bsdf(scene, folder):
 
 
 def is_opaque(bsdf):
-    """Whether it is one of those that `mitsuba_scene.py` writes for surfaces without transmission, with an image for
-    nothing but its base colour."""
+    """True if a BSDF is one that `mitsuba_scene.py` writes for surfaces without transmission, with an image for nothing
+    but its base colour."""
     inner = bsdf.find("bsdf")
     return inner is not None and all(part.tag != "texture" or part.get("name") == "base_color" for part in inner)
 
@@ -142,5 +142,5 @@ def shared_bsdf():
 
 
 def texture_file(name):
-    """Of floats that are not compressed: other formats are read with threads, of which Mitsuba may have one."""
+    """Name of a file of floats, not compressed: other formats are read with threads, of which Mitsuba may have one."""
     return f"{SHARED}_{name}.pfm"

@@ -5,7 +5,7 @@ import json
 GENERAL = ("size", "steps", "samples", "bake_samples")
 """Options of the command line that belong to every record."""
 SETTINGS = ("table", "scene", "lights", "pixel_fraction", "starts", "run", "through", "least_cells", "seed", *GENERAL)
-"""What makes two records measurements of the same thing."""
+"""Fields that two records of the same measurement share."""
 
 
 class Records:
@@ -23,7 +23,7 @@ class Records:
         self.path.write_text(f"[\n{lines}\n]\n")
 
     def has(self, settings):
-        """Whether it is measured already."""
+        """True if a record of these settings is there."""
         return any(same(old, settings) for old in self.all)
 
     def select(self, **fields):
@@ -32,7 +32,7 @@ class Records:
 
 
 def same(a, b):
-    """Whether settings agree."""
+    """True if settings agree."""
     return all(a.get(key) == b.get(key) for key in SETTINGS)
 
 

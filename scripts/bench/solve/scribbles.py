@@ -27,15 +27,15 @@ from addon.core.solve import request as solver_request
 SCENES = ("cornell_box", "kitchen", "modern_hall", "classroom", "coffee_maker", "sponza")
 LEAST_LIGHTS = 2
 LEAST_SHARE = 0.15
-"""Of the picture; a light with less is not changed."""
+"""Share of the picture that a light must give to be changed."""
 MOVE = 0.12
-"""Of the diagonal of what the camera sees."""
+"""Length of a move, in diagonals of what the camera sees."""
 KEEP_LIMIT = 0.02
 STARTS = 4
-"""As the add-on has it."""
+"""Starts of a solve, as many as the add-on has."""
 SEED = 1
 MOST_SAMPLES = 2048
-"""Of a render by which strokes are judged."""
+"""Samples at most of a render by which strokes are judged."""
 AGREED = {"stops": 0.1, "mireds": 10.0, "keep": 0.005, "color": 0.05}
 AGREED_SHARE = 0.15
 """By which, and by which share of what was asked for, a render and the solver may differ without more samples."""
@@ -43,10 +43,10 @@ MIREDS = 100.0
 ACCENT = "Accent"
 """The spot's name."""
 ACCENT_SHARE = 0.25
-"""Of the picture's mean."""
+"""Share of the picture's mean that the spot gives."""
 ACCENT_CONE = math.radians(45.0)
 ACCENT_COLOR = [0.25, 0.7, 1.0]
-"""What the spot's colour is multiplied with where a colour is asked for."""
+"""Factors of the spot's colour where a colour is asked for."""
 CANDIDATES = 9
 """Places for the spot, of which that of medium brightness is taken: not one before a wall, not one out of sight."""
 RUNS = (
@@ -56,8 +56,8 @@ RUNS = (
     ("shadow", "brighter", "keep"),
     ("color", "keep"),
 )
-"""What is painted. The spot becomes a stop brighter; a light a stop darker, and another moves; a light warmer, another
-cooler; a light moves; the spot gets another colour."""
+"""Goals that are painted. The spot becomes a stop brighter; a light a stop darker, and another moves; a light warmer,
+another cooler; a light moves; the spot gets another colour."""
 
 
 def run(shot, records, args):
@@ -84,7 +84,7 @@ def lit(shot):
 
 
 def settings(shot, args, number):
-    """What a run's record is known by."""
+    """Fields that a run's record is known by."""
     same = {"table": "scribbles", "scene": shot.name, "run": number, "through": args.through} | general(args)
     same |= {"seed": args.seed} if args.seed else {}
     return same | {"lights": None, "pixel_fraction": 0.05, "starts": STARTS}
@@ -180,7 +180,7 @@ class Shown:
         return [length * value for value in direction]
 
     def request(self):
-        """What the add-on would ask `relume.solve` for, with its defaults."""
+        """Request of the add-on to `relume.solve`, with its defaults."""
         shown = {"lights": self.lights, "gains": {}, "world": [1.0] * 3, "static": [1.0] * 3}
         options = SolveOptions(self.free, [goal for goal, _ in self.goals], starts=STARTS, steps=self.shot.args.steps)
         return solver_request(shown, options)
@@ -256,14 +256,14 @@ def verdict(goal, known, before, after, said):
 
 
 def disagrees(found):
-    """Whether the render of a verdict shows something else than the solver says."""
+    """True if the render of a verdict shows something else than the solver says."""
     kind = found["goal"]
     limit = max(AGREED[strokes.UNITS.get(kind, kind)], AGREED_SHARE * found["asked"] * (kind in strokes.UNITS))
     return found["said"] is not None and abs(found["reached"] - found["said"]) > limit
 
 
 def told(kind, said):
-    """What the solver says of a stroke, as it is measured here."""
+    """Change at a stroke that the solver says, in the measure of this script."""
     if kind == "color":
         return 1.0 - said["reached"] / said["before"]
     return said["reached"] * (-1.0 if kind in {"darker", "shadow", "cooler"} else 1.0)

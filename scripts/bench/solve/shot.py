@@ -17,7 +17,7 @@ POLL_SECONDS = 0.02
 
 
 def processor_seconds():
-    """Of this process and those that it has waited for."""
+    """Processor time of this process and those that it has waited for."""
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
 
@@ -34,7 +34,7 @@ class Shot:
         self.blend = blend or args.scenes_folder / f"{name}.blend"
         self.folder = args.out / "solve" / f"{self.blend.stem}-{self.size}-{args.bake_samples}"
         self.bake_seconds = None
-        """Of the bake, Blender's start and reading of the file included, once it is there."""
+        """Time of the bake, Blender's start and reading of the file included, once it is there."""
 
     def open(self, bare):
         """Opens the file in Cycles and bakes it if that is not done; `bare` is as of the judge."""

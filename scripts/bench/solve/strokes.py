@@ -10,14 +10,14 @@ BLOCK = 8
 CHANGED = {"brighter": 0.2, "darker": 0.2, "shadow": 0.2, "warmer": 15.0, "cooler": 15.0, "color": 0.2}
 """Stops, mireds and distances of colour ratios; what changes by less is not painted."""
 UNITS = {"brighter": "stops", "darker": "stops", "shadow": "stops", "warmer": "mireds", "cooler": "mireds"}
-"""Of what is asked for by amount."""
+"""Units of goals that are asked for by amount."""
 KEPT = 0.01
 """Relative, of all channels; what the known change leaves within this may be painted as keep."""
 ASKED_SHARE = 0.8
-"""Of what the known change does on average along a stroke, so that the known answer meets what is asked."""
+"""Share of the known change's mean along a stroke that is asked for, so that the known answer meets it."""
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 RATIO_PER_MIRED = 0.00769
-"""Of ln(red / blue), as the solver counts it (`rust/optimise/src/goal.rs`)."""
+"""Change of ln(red / blue) per mired, as the solver counts it (`rust/optimise/src/goal.rs`)."""
 LONGEST = 6
 """Blocks a stroke runs through."""
 
@@ -40,7 +40,7 @@ def chroma(color):
 
 
 def done(kind, before, after):
-    """What became of colours [..., 3] in the unit of a goal: stops or mireds as asked for, by how much colour ratios
+    """Change of colours [..., 3] in the unit of a goal: stops or mireds as asked for, by how much colour ratios
     changed, or the share that changed of what is kept."""
     before, after = np.maximum(before, 1e-9), np.maximum(after, 1e-9)
     if kind == "color":
@@ -116,7 +116,7 @@ def mean_within(picture, region):
 
 
 def asked(goal):
-    """What `done_to` must at least be, or be below of what is kept."""
+    """Least value of `done_to`, or its upper limit where a goal is to keep."""
     kind = goal["goal"]
     return goal[UNITS[kind]] if kind in UNITS else {"keep": 0.0, "color": ASKED_SHARE}[kind]
 

@@ -72,7 +72,7 @@ class Problem:
         self.initial = psnr_reinhard(shot.picture(RESULT_SEED), self.picture)
 
     def request(self, cell):
-        """What `relume.solve` is asked for."""
+        """Request to `relume.solve`."""
         return {
             "lights": self.lights,
             "world": [0, 0, 0],
@@ -88,7 +88,7 @@ class Problem:
         }
 
     def solve(self, cell):
-        """What was measured."""
+        """Measurements of a cell."""
         result = self.shot.solve(self.request(cell), {"target": self.picture})
         self.shot.judge.set(lights=self.start, only=True)
         self.shot.judge.set(lights=result["blender"])
@@ -128,7 +128,7 @@ def show(records):
 
 
 def setting_of(record):
-    """What records of one table have in common, in words."""
+    """Settings that records of one table share, in words."""
     return tuple(f"{key.replace('_', ' ')} {record[key]}" for key in ("through", "least_cells", *GENERAL))
 
 

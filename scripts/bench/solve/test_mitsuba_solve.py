@@ -1,4 +1,4 @@
-"""What makes a step of Mitsuba cheap in figure 9 changes nothing that it sees. `make solve` begins with it."""
+"""Shortcuts that make a step of Mitsuba cheap in figure 9 change nothing that it sees. `make solve` begins with it."""
 
 import json
 import subprocess

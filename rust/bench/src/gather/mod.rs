@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use relume_dump::{Dump, DumpError};
-use relume_gather::{Gather, Isa, SampleSplit, Scratch, SoftGather};
+use relume_gather::{Gather, GatherScratch, Isa, SampleSplit, SoftGather};
 use relume_scene::LightShape;
 
 use crate::figure::{Figure, Limit};
@@ -29,8 +29,8 @@ pub fn measure(megabytes: usize) -> Result<Vec<Figure>, DumpError> {
     let read = records / best_seconds(tiles, |tile| read_positions(gather.dump(), tile));
     let plain = read * POSITION_BYTES * 1e-9;
     let mut figures = vec![Figure::new("plain read of positions, 1 thread", plain, "GB/s")];
-    type Shape = fn(usize) -> LightShape;
-    let kinds = [("sphere", sphere as Shape), ("quad", quad), ("neighbouring sphere", neighbour)];
+    type LightMaker = fn(usize) -> LightShape;
+    let kinds = [("sphere", sphere as LightMaker), ("quad", quad), ("neighbouring sphere", neighbour)];
     for (kind, shape) in kinds {
         for count in [1, 16] {
             let lights: Vec<_> = (0..count).map(|index| light(shape(index))).collect();
@@ -69,7 +69,7 @@ fn pixel_targets(gather: &Gather) -> Figure {
     const LIGHTS: usize = 4;
     let lights: Vec<_> = (0..LIGHTS).map(|index| light(sphere(index))).collect();
     let lights = gather.prepare_all(&lights).unwrap_or_default();
-    let (mut scratch, mut values) = (Scratch::default(), vec![[0.0; 3]; lights.len()]);
+    let (mut scratch, mut values) = (GatherScratch::default(), vec![[0.0; 3]; lights.len()]);
     let seconds = best_seconds(TILE, |y| {
         for x in 0..TILE {
             gather.pixel_into(x, y, &lights, SampleSplit::All, &mut scratch, &mut values);

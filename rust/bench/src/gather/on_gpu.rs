@@ -42,7 +42,7 @@ const CPU_FACTOR: u64 = 2;
 /// If the device has not the memory, or was lost.
 pub fn measure(gpu: &Arc<Gpu>, megabytes: usize) -> Result<Vec<Figure>, GatherError> {
     let bench = Bench::new(gpu, Gather::new(room(megabytes)?))?;
-    let peaks = Peaks::new(gpu)?;
+    let peaks = GatherPeaks::new(gpu)?;
     let mut figures = Vec::new();
     let spheres: Vec<_> = (0..32).map(sphere).collect();
     for count in [1, 8, 16, 32] {
@@ -78,7 +78,7 @@ pub fn measure_paper(
     let segments = PAPER_SEGMENTS;
     let cpu = Gather::new(Room { width, height, tile: 32, samples, segments }.dump()?);
     let bench = Bench::new(gpu, cpu)?;
-    let (records, peaks) = (bench.cpu.dump().record_count() as f64, Peaks::new(gpu)?);
+    let (records, peaks) = (bench.cpu.dump().record_count() as f64, GatherPeaks::new(gpu)?);
     let spheres: Vec<_> = (0..32).map(sphere).collect();
     let mut figures = Vec::new();
     for count in PAPER_LIGHTS {
@@ -106,7 +106,7 @@ fn paper_figures(
     ((layout, bytes), count): (Layout, usize),
     size: (usize, usize, usize),
     (segments, seconds): (f64, f64),
-    peaks: &Peaks,
+    peaks: &GatherPeaks,
 ) -> Vec<Figure> {
     let (s, all) = (if count == 1 { "" } else { "s" }, peaks.segments(bytes, count as f64));
     let time = Figure::new(
@@ -129,7 +129,7 @@ fn as_in_the_paper(
     gpu: &Gpu,
     size: (usize, usize, usize),
     lights: [Result<GpuLights, GatherError>; PAPER_LIGHTS.len()],
-    peaks: &Peaks,
+    peaks: &GatherPeaks,
 ) -> Result<Vec<Figure>, GatherError> {
     let (width, height, samples) = size;
     let dump = PaperDump::new(gpu, width * height * samples * PAPER_SEGMENTS, width * height)?;
@@ -155,7 +155,7 @@ pub fn seconds_of_a_light(gpu: &Arc<Gpu>, megabytes: usize) -> Result<f64, Gathe
 }
 
 /// Limits of a device.
-struct Peaks {
+struct GatherPeaks {
     /// Bytes a second that it moves, read by a kernel of ours or copied by its driver: which of them is faster differs between
     /// devices.
     read: f64,
@@ -164,7 +164,7 @@ struct Peaks {
     upload: f64,
 }
 
-impl Peaks {
+impl GatherPeaks {
     fn new(gpu: &Gpu) -> Result<Self, GatherError> {
         Ok(Self {
             read: peak::read(gpu)?.max(peak::copy(gpu)?),
@@ -266,7 +266,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Targets from the dump on the device, and from one that is streamed.
-    fn all_targets(&self, shapes: &[LightShape], peaks: &Peaks) -> Result<[Figure; 2], GatherError> {
+    fn all_targets(&self, shapes: &[LightShape], peaks: &GatherPeaks) -> Result<[Figure; 2], GatherError> {
         let manifest = self.cpu.dump().manifest();
         let records = self.cpu.dump().record_count() as f64 / (manifest.width * manifest.height) as f64;
         // The lights of a pixel share its records.

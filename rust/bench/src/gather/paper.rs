@@ -33,12 +33,12 @@ struct PaperArguments {
 
 /// A picture's paths on the device.
 pub struct PaperDump {
-    chunks: Vec<Chunk>,
+    chunks: Vec<PathChunk>,
     paths_per_pixel: usize,
 }
 
 /// The paths of some pixels, which fit a buffer.
-struct Chunk {
+struct PathChunk {
     vertices: Buffer<u32>,
     pixels: usize,
 }
@@ -60,7 +60,7 @@ impl PaperDump {
         let all = paths.div_ceil(paths_per_pixel);
         let chunk = |first: usize| {
             let pixels = most.min(all - first);
-            Ok(Chunk { vertices: copies(gpu, &pattern, pixels * pixel_words)?, pixels })
+            Ok(PathChunk { vertices: copies(gpu, &pattern, pixels * pixel_words)?, pixels })
         };
         let chunks = (0..all).step_by(most).map(chunk).collect::<Result<_, GpuError>>()?;
         Ok(Self { chunks, paths_per_pixel })
@@ -90,7 +90,7 @@ impl PaperDump {
         lights: &GpuLights,
     ) -> Result<Vec<Buffer<f32>>, GpuError> {
         let (count, lanes) = (lights.lights.len(), self.lanes());
-        let add = |chunk: &Chunk| {
+        let add = |chunk: &PathChunk| {
             let images = gpu.zeros("images", 3 * count * chunk.pixels)?;
             let (of_lights, receivers) = (lights.lights.whole(), lights.receivers.whole());
             let bound = kernel.bind(&[of_lights, receivers, chunk.vertices.whole(), images.whole()])?;

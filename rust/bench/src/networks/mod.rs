@@ -21,7 +21,7 @@ use crate::timing::{best_of_rounds, seconds_on};
 
 /// Extent of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Extent {
+pub struct NetworkExtent {
     /// Rounds, of which the best counts. On the CPU the peak is measured again in each, so that both see the same clock.
     pub rounds: usize,
     /// Pixels of the image.
@@ -32,7 +32,7 @@ pub struct Extent {
     pub widest: usize,
 }
 
-impl Extent {
+impl NetworkExtent {
     /// Extent on the CPU.
     pub const CPU: Self = Self { rounds: ROUNDS, size: [160, 96], samples: 16_384, widest: 256 };
     /// Extent on a graphics card: an image of the paper's size.
@@ -49,7 +49,7 @@ const ROUNDS: usize = 7;
 ///
 /// # Errors
 /// Does not fail unless the configurations in here are wrong.
-pub fn kernels(extent: Extent) -> Result<Vec<Figure>, ProxyError> {
+pub fn kernels(extent: NetworkExtent) -> Result<Vec<Figure>, ProxyError> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
@@ -64,7 +64,7 @@ pub fn kernels(extent: Extent) -> Result<Vec<Figure>, ProxyError> {
 }
 
 /// Name, network, and samples of a training step.
-fn networks(extent: Extent) -> impl Iterator<Item = (&'static str, NetworkConfig, usize)> {
+fn networks(extent: NetworkExtent) -> impl Iterator<Item = (&'static str, NetworkConfig, usize)> {
     let grid = GridConfig::default();
     let all = [
         ("reference 64/4", NetworkConfig::Reference { width: 64, layers: 4, grid }, 8192),
@@ -87,8 +87,8 @@ const STEP_SHARE: usize = 20;
 ///
 /// # Errors
 /// If the device fails or has not the memory.
-pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Figure>, ProxyError> {
-    let limits = Limits { peaks: peak::measure_peaks(gpu)?, read_back: peak::transfers(gpu)?[1] };
+pub fn device(gpu: &Arc<Gpu>, extent: NetworkExtent) -> Result<Vec<Figure>, ProxyError> {
+    let limits = NetworkLimits { peaks: peak::measure_peaks(gpu)?, read_back: peak::transfers(gpu)?[1] };
     let mut figures = Vec::new();
     for (name, network, _) in networks(extent) {
         figures.extend(measure_device(gpu, &limits, name, network.clone(), extent)?);
@@ -98,7 +98,7 @@ pub fn device(gpu: &Arc<Gpu>, extent: Extent) -> Result<Vec<Figure>, ProxyError>
 }
 
 /// Limits of a device.
-struct Limits {
+struct NetworkLimits {
     peaks: Peaks,
     /// Bytes a second to the CPU.
     read_back: f64,
@@ -117,7 +117,7 @@ pub fn inference_names(network: &str) -> [String; 2] {
 #[cfg(test)]
 pub fn training_names(network: &str) -> [String; 2] {
     [true, false]
-        .map(|by_matrices| name_of(&training(by_matrices, Extent::CARD.samples), network, PAPER_SIZE))
+        .map(|by_matrices| name_of(&training(by_matrices, NetworkExtent::CARD.samples), network, PAPER_SIZE))
 }
 
 fn training(by_matrices: bool, samples: usize) -> String {
@@ -135,10 +135,10 @@ fn name_of(task: &str, network: &str, [width, height]: [usize; 2]) -> String {
 /// Times of an image and of a step of the light optimiser, and how far images are from sums of 64 bits.
 fn measure_device(
     gpu: &Arc<Gpu>,
-    Limits { peaks, read_back }: &Limits,
+    NetworkLimits { peaks, read_back }: &NetworkLimits,
     name: &str,
     network: NetworkConfig,
-    Extent { rounds, size: [width, height], .. }: Extent,
+    NetworkExtent { rounds, size: [width, height], .. }: NetworkExtent,
 ) -> Result<Vec<Figure>, ProxyError> {
     let mut trainer = device_trainer(network, [width, height])?;
     trainer.set_output_bias(2.0);
@@ -211,7 +211,7 @@ fn seconds_of_a_step(on_device: &GpuProxy, rounds: usize) -> Result<f64, ProxyEr
 ///
 /// # Errors
 /// If the device fails or has not the memory.
-pub fn seconds_of_the_widest(gpu: &Arc<Gpu>, extent: Extent) -> Result<(String, f64), ProxyError> {
+pub fn seconds_of_the_widest(gpu: &Arc<Gpu>, extent: NetworkExtent) -> Result<(String, f64), ProxyError> {
     let cost = |network: &NetworkConfig| match network {
         NetworkConfig::Reference { width, layers, .. } | NetworkConfig::Fast { width, layers, .. } => {
             width * width * layers
@@ -247,7 +247,7 @@ fn measure_training(
     peaks: &Peaks,
     name: &str,
     network: NetworkConfig,
-    Extent { rounds, size: [width, height], samples, .. }: Extent,
+    NetworkExtent { rounds, size: [width, height], samples, .. }: NetworkExtent,
 ) -> Result<Vec<Figure>, ProxyError> {
     let mut figures = Vec::new();
     for matrices in [false, true] {
@@ -277,7 +277,7 @@ fn measure(
     name: &str,
     network: NetworkConfig,
     batch: usize,
-    Extent { rounds, size: [width, height], .. }: Extent,
+    NetworkExtent { rounds, size: [width, height], .. }: NetworkExtent,
 ) -> Result<[Figure; 2], ProxyError> {
     let isa = Isa::detect();
     let room = SyntheticRoom::new(width, height);
@@ -329,8 +329,8 @@ mod tests {
 
     #[test]
     fn networks_are_measured_on_the_cpu() {
-        for (name, network, _) in networks(Extent::TRIAL) {
-            let figures = measure(name, network, 1024, Extent::TRIAL).expect("measured");
+        for (name, network, _) in networks(NetworkExtent::TRIAL) {
+            let figures = measure(name, network, 1024, NetworkExtent::TRIAL).expect("measured");
             let isa = Isa::detect().name();
             let names = ["inference", "training"].map(|task| format!("{task} {name}, one thread, {isa}"));
             check(&figures, &names);
@@ -345,8 +345,8 @@ mod tests {
     fn networks_are_measured_on_any_device() {
         let gpu = gpu();
         let peaks = Peaks { multiply_adds: 1e9, half: None, matrices: None, wide_matrices: None, read: 1e9 };
-        let (extent, limits) = (Extent::TRIAL, Limits { peaks, read_back: 1e9 });
-        for (name, network, _) in networks(Extent::TRIAL) {
+        let (extent, limits) = (NetworkExtent::TRIAL, NetworkLimits { peaks, read_back: 1e9 });
+        for (name, network, _) in networks(NetworkExtent::TRIAL) {
             let figures = measure_device(&gpu, &limits, name, network.clone(), extent).expect("measured");
             let tasks = [
                 "inference kernel",
@@ -362,7 +362,7 @@ mod tests {
 
     #[test]
     fn the_widest_network_is_that_with_most_products() {
-        let (name, seconds) = seconds_of_the_widest(&gpu(), Extent::TRIAL).expect("measured");
+        let (name, seconds) = seconds_of_the_widest(&gpu(), NetworkExtent::TRIAL).expect("measured");
         assert!(seconds > 0.0 && name == "inference kernel reference 64/4, 20 x 12", "{name}: {seconds}");
     }
 }

@@ -1,9 +1,9 @@
-use super::Context;
+use super::CommandContext;
 use crate::args::EvaluateArgs;
 use relume_session::{MeanQuality, Relighter, evaluate as evaluate_proxies, proxy::Proxy};
 
 /// Measures proxies against an independent bake.
-pub fn evaluate(args: &EvaluateArgs, context: &Context) -> anyhow::Result<()> {
+pub fn evaluate(args: &EvaluateArgs, context: &CommandContext) -> anyhow::Result<()> {
     let proxies = args.proxies.iter().map(|path| Proxy::open(path)).collect::<Result<Vec<_>, _>>()?;
     let reference = Relighter::open(&args.reference)?;
     let compared = args.gather.as_deref().map(Relighter::open).transpose()?;

@@ -1,10 +1,10 @@
-use super::Context;
+use super::CommandContext;
 use crate::args::PathArgs;
 use relume_session::{Info, ProxySummary, info as read_info, validate as find_problems};
 use serde::Serialize;
 
 /// Describes a file or folder.
-pub fn info(args: &PathArgs, context: &Context) -> anyhow::Result<()> {
+pub fn info(args: &PathArgs, context: &CommandContext) -> anyhow::Result<()> {
     let info = read_info(&args.path)?;
     context.console.result(&text(&info), &info);
     Ok(())
@@ -100,7 +100,7 @@ struct Checked {
 }
 
 /// Lists damage; an error if there is any.
-pub fn validate(args: &PathArgs, context: &Context) -> anyhow::Result<()> {
+pub fn validate(args: &PathArgs, context: &CommandContext) -> anyhow::Result<()> {
     let problems = find_problems(&args.path, context.monitor)?;
     match problems.len() {
         0 => {

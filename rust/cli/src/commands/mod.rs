@@ -23,13 +23,13 @@ pub use trace::trace;
 pub use train::train;
 
 /// Context of every command.
-pub struct Context<'a> {
+pub struct CommandContext<'a> {
     pub console: &'a Console,
     pub monitor: &'a Monitor,
     pub global: &'a Global,
 }
 
-impl Context<'_> {
+impl CommandContext<'_> {
     /// The device of `--device`, opened.
     fn compute(&self) -> anyhow::Result<Compute> {
         let compute = self.global.device.open(self.global.gpu_memory.map(|mebibytes| mebibytes << 20))?;

@@ -1,4 +1,4 @@
-use super::Context;
+use super::CommandContext;
 use super::out_file::check_out;
 use crate::args::OptimiseArgs;
 use anyhow::Context as _;
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Finds lights for what the picture should do.
-pub fn optimise(args: &OptimiseArgs, context: &Context) -> anyhow::Result<()> {
+pub fn optimise(args: &OptimiseArgs, context: &CommandContext) -> anyhow::Result<()> {
     check_out(&args.out, "json", "lights are written as JSON")?;
     let compute = context.compute()?;
     let open = |folder: &PathBuf| context.relighter(folder, &compute);
@@ -52,7 +52,7 @@ fn read_request(path: &Path, relighter: &Relighter) -> anyhow::Result<SolveReque
 fn short_request(
     args: &OptimiseArgs,
     target: Option<&Path>,
-    context: &Context,
+    context: &CommandContext,
 ) -> anyhow::Result<SolveRequest> {
     let lights = args.lights.as_deref().map(LightSet::read).transpose()?;
     let locked = [

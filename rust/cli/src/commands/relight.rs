@@ -1,4 +1,4 @@
-use super::Context;
+use super::CommandContext;
 use super::out_file::check_out;
 use crate::args::{self, GatherArgs, PictureArgs, RelightArgs};
 use relume_session::image::{BitDepth, Precision, ViewTransform};
@@ -22,21 +22,26 @@ struct WrittenLight {
 }
 
 /// Sums lights over a bake, without a proxy.
-pub fn gather(args: &GatherArgs, context: &Context) -> anyhow::Result<()> {
+pub fn gather(args: &GatherArgs, context: &CommandContext) -> anyhow::Result<()> {
     write_picture(&args.bake, Method::Gather, &args.picture, context)
 }
 
 /// Relights a bake or proxies.
-pub fn relight(args: &RelightArgs, context: &Context) -> anyhow::Result<()> {
+pub fn relight(args: &RelightArgs, context: &CommandContext) -> anyhow::Result<()> {
     let method = match args.method {
-        args::Method::Auto => Method::Auto,
-        args::Method::Gather => Method::Gather,
-        args::Method::Proxy => Method::Proxy,
+        args::MethodArg::Auto => Method::Auto,
+        args::MethodArg::Gather => Method::Gather,
+        args::MethodArg::Proxy => Method::Proxy,
     };
     write_picture(&args.bake, method, &args.picture, context)
 }
 
-fn write_picture(bake: &Path, method: Method, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
+fn write_picture(
+    bake: &Path,
+    method: Method,
+    args: &PictureArgs,
+    context: &CommandContext,
+) -> anyhow::Result<()> {
     check_out(&args.out, "exr", "pictures are written as a multi-layer EXR, with a PNG beside it")?;
     let mut relighter = context.relighter(bake, &context.compute()?)?;
     warn_if_unfinished(&relighter, context);
@@ -74,7 +79,7 @@ fn write_picture(bake: &Path, method: Method, args: &PictureArgs, context: &Cont
 }
 
 /// An unfinished bake relights, black where nothing has been traced.
-fn warn_if_unfinished(relighter: &Relighter, context: &Context) {
+fn warn_if_unfinished(relighter: &Relighter, context: &CommandContext) {
     let missing = relighter.gather().map_or(0, |gather| gather.dump().missing().len());
     if missing > 0 {
         context.monitor.warn(&format!(
@@ -83,8 +88,12 @@ fn warn_if_unfinished(relighter: &Relighter, context: &Context) {
     }
 }
 
-/// Puts another world into its place, if one is asked for.
-fn change_world(relighter: &mut Relighter, args: &PictureArgs, context: &Context) -> anyhow::Result<()> {
+/// Shows another world, if the command names one.
+fn change_world(
+    relighter: &mut Relighter,
+    args: &PictureArgs,
+    context: &CommandContext,
+) -> anyhow::Result<()> {
     if args.world.is_none() && args.environment.is_none() {
         return Ok(());
     }
@@ -101,7 +110,11 @@ fn change_world(relighter: &mut Relighter, args: &PictureArgs, context: &Context
 }
 
 /// The light set of a file, or the scene's own.
-fn light_set(path: Option<&Path>, relighter: &Relighter, context: &Context) -> anyhow::Result<LightSet> {
+fn light_set(
+    path: Option<&Path>,
+    relighter: &Relighter,
+    context: &CommandContext,
+) -> anyhow::Result<LightSet> {
     let set = match path {
         Some(path) => LightSet::read(path)?,
         None => relighter.scene_lights()?,

@@ -1,4 +1,4 @@
-use super::Context;
+use super::CommandContext;
 use crate::args::{TraceArgs, Triple, Up, ViewArgs};
 use anyhow::bail;
 use relume_session::scene::UpAxis;
@@ -7,7 +7,7 @@ use relume_session::trace::settings::BounceLimits;
 use relume_session::{LightSet, ObjView, SceneFile, bake, obj_scene};
 
 /// Traces a scene file or an OBJ scene into a bake folder.
-pub fn trace(args: &TraceArgs, context: &Context) -> anyhow::Result<()> {
+pub fn trace(args: &TraceArgs, context: &CommandContext) -> anyhow::Result<()> {
     let mut file = read(args)?;
     if let Some(path) = &args.lights {
         let set = LightSet::read(path)?;
@@ -66,7 +66,11 @@ fn obj_view(args: &ViewArgs) -> ObjView {
 }
 
 /// The scene's settings with what the options override.
-fn overridden(own: &TraceSettings, args: &TraceArgs, context: &Context) -> anyhow::Result<TraceSettings> {
+fn overridden(
+    own: &TraceSettings,
+    args: &TraceArgs,
+    context: &CommandContext,
+) -> anyhow::Result<TraceSettings> {
     let mut settings = TraceSettings {
         samples: args.samples.unwrap_or(own.samples),
         seed: context.global.seed.unwrap_or(own.seed),

@@ -1,14 +1,14 @@
-use super::Context;
-use crate::args::{Kind, Network, Placement, TrainArgs};
+use super::CommandContext;
+use crate::args::{LightKindArg, NetworkArg, PlacementArg, TrainArgs};
 use relume_session::proxy::{LightKind, LightPlacement, NetworkConfig, SizeRange, TargetMode, TrainConfig};
 use relume_session::{Clock, TrainSettings, default_sizes, train as train_proxy};
 
 /// Trains a proxy on a bake.
-pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
+pub fn train(args: &TrainArgs, context: &CommandContext) -> anyhow::Result<()> {
     let kind = match args.kind {
-        Kind::Sphere => LightKind::Sphere,
-        Kind::FacingDisk => LightKind::FacingDisk,
-        Kind::Quad => LightKind::Quad,
+        LightKindArg::Sphere => LightKind::Sphere,
+        LightKindArg::FacingDisk => LightKind::FacingDisk,
+        LightKindArg::Quad => LightKind::Quad,
     };
     let settings = TrainSettings {
         kind,
@@ -48,13 +48,13 @@ pub fn train(args: &TrainArgs, context: &Context) -> anyhow::Result<()> {
 fn config(args: &TrainArgs, kind: LightKind) -> anyhow::Result<TrainConfig> {
     let size = sizes(args, kind)?;
     let mut config = match args.network {
-        Network::Fast => TrainConfig::fast(size),
-        Network::Reference => TrainConfig::reference(size),
+        NetworkArg::Fast => TrainConfig::fast(size),
+        NetworkArg::Reference => TrainConfig::reference(size),
     };
     config.samples = (args.million_samples * 1e6) as u64;
     config.placement = match args.placement {
-        Placement::Segments => LightPlacement::Segments,
-        Placement::Bounds => LightPlacement::Bounds,
+        PlacementArg::Segments => LightPlacement::Segments,
+        PlacementArg::Bounds => LightPlacement::Bounds,
     };
     if let Some(size) = args.pool {
         config.targets = TargetMode::Pool { size, denoised: true };

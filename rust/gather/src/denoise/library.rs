@@ -11,8 +11,8 @@ pub(super) struct Filter {
     width: usize,
     height: usize,
     /// Pixels that the library reads and writes: RGB.
-    pixels: DeviceImage,
-    inputs: Vec<DeviceImage>,
+    pixels: OidnImage,
+    inputs: Vec<OidnImage>,
 }
 
 // SAFETY: the library's objects may be used from any thread, and they keep their device alive.
@@ -43,7 +43,7 @@ impl Filter {
         height: usize,
         name: &CStr,
     ) -> Result<Self, DenoiseError> {
-        let pixels = DeviceImage::new(device, width * height * 3)?;
+        let pixels = OidnImage::new(device, width * height * 3)?;
         // SAFETY: the device is alive; the name ends with a zero; null is checked for before the filter is used.
         let raw = unsafe { sys::oidnNewFilter(device.raw(), c"RT".as_ptr()) };
         if raw.is_null() {
@@ -58,14 +58,14 @@ impl Filter {
 
     /// An RGB image that the filter only reads.
     fn input(&mut self, device: &oidn::Device, name: &CStr, values: &[f32]) -> Result<(), DenoiseError> {
-        let image = DeviceImage::new(device, self.width * self.height * 3)?;
+        let image = OidnImage::new(device, self.width * self.height * 3)?;
         image.write(values);
         self.image(name, &image);
         self.inputs.push(image);
         Ok(())
     }
 
-    fn image(&self, name: &CStr, image: &DeviceImage) {
+    fn image(&self, name: &CStr, image: &OidnImage) {
         let (format, name) = (sys::OIDNFormat_OIDN_FORMAT_FLOAT3, name.as_ptr());
         assert_eq!(image.len, self.width * self.height * 3, "an RGB image of the filter's size");
         // SAFETY: filter and buffer are alive, the buffer has the stated size, and the filter keeps a reference to it.
@@ -135,12 +135,12 @@ impl Drop for Filter {
 }
 
 /// Floats in memory of a device.
-struct DeviceImage {
+struct OidnImage {
     raw: sys::OIDNBuffer,
     len: usize,
 }
 
-impl DeviceImage {
+impl OidnImage {
     fn new(device: &oidn::Device, len: usize) -> Result<Self, DenoiseError> {
         // SAFETY: the device is alive; null is checked for.
         let raw = unsafe { sys::oidnNewBuffer(device.raw(), len * size_of::<f32>()) };
@@ -165,7 +165,7 @@ impl DeviceImage {
     }
 }
 
-impl Drop for DeviceImage {
+impl Drop for OidnImage {
     fn drop(&mut self) {
         // SAFETY: our reference; a filter has its own.
         unsafe { sys::oidnReleaseBuffer(self.raw) };

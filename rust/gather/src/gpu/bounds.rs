@@ -16,7 +16,7 @@ const STEPS: f32 = 65535.0;
 /// `Frame` of the WGSL module.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Frame {
+pub struct BoundsFrame {
     pub(super) minimum: [f32; 3],
     pub(super) slack: f32,
     pub(super) step: [f32; 3],
@@ -26,14 +26,14 @@ pub struct Frame {
 /// `Bounds` of the WGSL module.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Bounds {
+pub struct SegmentBounds {
     start: [u32; 4],
     end: [u32; 4],
 }
 
 /// A segment for sorting: its start, and its end or, if it escapes, its direction with |x| + |y| + |z| = 1.
 #[derive(Clone, Copy, Debug)]
-pub struct Ends {
+pub struct SegmentEnds {
     pub start: Vec3,
     pub end: Vec3,
 }
@@ -53,12 +53,12 @@ impl Aabb {
     }
 
     /// Around where segments start, and where they end.
-    pub fn around<'a>(ends: impl Iterator<Item = &'a Ends>) -> [Self; 2] {
+    pub fn around<'a>(ends: impl Iterator<Item = &'a SegmentEnds>) -> [Self; 2] {
         ends.fold([Self::EMPTY; 2], |[starts, ends], s| [starts.with(s.start), ends.with(s.end)])
     }
 }
 
-impl Frame {
+impl BoundsFrame {
     /// A frame that holds all vertices and cameras of a dump.
     pub fn new(dump: &Dump) -> Self {
         let mut all = Aabb::EMPTY;
@@ -90,9 +90,9 @@ impl Frame {
     }
 }
 
-impl Bounds {
+impl SegmentBounds {
     /// Bounds of segments of which all escape or none does.
-    pub fn new([starts, ends]: [Aabb; 2], escape: bool, frame: &Frame) -> Self {
+    pub fn new([starts, ends]: [Aabb; 2], escape: bool, frame: &BoundsFrame) -> Self {
         let encode = |bounds: Aabb, minimum: Vec3, step: Vec3| {
             let low = ((bounds.low - minimum) / step).floor() - MARGIN;
             let high = ((bounds.high - minimum) / step).ceil() + MARGIN;
@@ -109,7 +109,7 @@ impl Bounds {
     }
 
     /// True if a light may touch one of the segments.
-    pub fn may_be_touched(&self, light: &GpuLight, frame: &Frame) -> bool {
+    pub fn may_be_touched(&self, light: &GpuLight, frame: &BoundsFrame) -> bool {
         let (escape, center) = (self.start[3] != 0, Vec3::from(light.center));
         if light.is_sun() && !escape {
             return false;
@@ -161,13 +161,13 @@ mod tests {
 
     #[test]
     fn bounds_have_the_layout_of_their_wgsl_twin() {
-        relume_gpu::assert_mirror!(Bounds as "gather/bounds", "Bounds", { start, end });
+        relume_gpu::assert_mirror!(SegmentBounds as "gather/bounds", "Bounds", { start, end });
     }
 
     #[test]
     fn a_block_that_no_light_touches_has_no_segment_that_crosses_it() {
         let gather = Gather::new(random_dump_of(16, &[5, 9]));
-        let (dump, frame) = (gather.dump(), Frame::new(gather.dump()));
+        let (dump, frame) = (gather.dump(), BoundsFrame::new(gather.dump()));
         let lights = gather.prepare_all(&random_lights()).unwrap();
         let (mut touched, mut untouched, mut crossed) = (0, 0, 0);
         for group in PixelGroup::all(dump) {

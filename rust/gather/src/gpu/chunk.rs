@@ -291,7 +291,7 @@ const TABLES: usize = 3;
 
 /// A chunk that stays on the device.
 #[derive(Debug)]
-pub struct Chunk {
+pub struct GpuChunk {
     plan: ChunkPlan,
     pub records: ChunkRecords,
     /// Tables by half, made when first asked for.
@@ -300,7 +300,7 @@ pub struct Chunk {
     numbers: OnceLock<Arc<Buffer<u32>>>,
 }
 
-impl Chunk {
+impl GpuChunk {
     pub fn new(gpu: &Gpu, plan: ChunkPlan) -> Result<Self, GpuError> {
         let records = ChunkRecords::new(gpu, plan.records)?;
         records.write(gpu, &plan)?;

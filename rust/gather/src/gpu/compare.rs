@@ -1,7 +1,7 @@
 use std::ops::Range;
 
 use relume_gpu::Buffer;
-use relume_gpu::compare::{Compared, Layers, Step, StepTargets, Units};
+use relume_gpu::compare::{CompareStep, Compared, Layers, StepTargets, UnitBindings};
 use relume_scene::{LANES, Light};
 
 use super::GpuGather;
@@ -123,14 +123,14 @@ impl<'a> Smoothed<'a> {
     }
 
     /// Values and derivatives at a part of the cells.
-    fn values(&self, step: &Step<'_>, part: &Range<usize>) -> Result<Buffer<Outputs>, GatherError> {
+    fn values(&self, step: &CompareStep<'_>, part: &Range<usize>) -> Result<Buffer<Outputs>, GatherError> {
         let cells = (&self.cells[part.clone()], step.cells(part.clone()));
         self.on_gpu.slopes(self.soft, &self.lights, cells)
     }
 
-    fn units<'b>(&'b self, values: &'b Buffer<Outputs>) -> Units<'b> {
+    fn units<'b>(&'b self, values: &'b Buffer<Outputs>) -> UnitBindings<'b> {
         let (radiances, values) = ((self.radiances.whole(), 1), (values.whole(), OUTPUTS));
-        Units { lights: self.lights.len(), radiances, first: 0, values, all: None }
+        UnitBindings { lights: self.lights.len(), radiances, first: 0, values, all: None }
     }
 }
 
@@ -151,7 +151,7 @@ mod tests {
 
     use super::*;
     use crate::tests::kernels::{random_dump_of, random_lights};
-    use crate::{Gather, Linear};
+    use crate::{Gather, UnitValues};
 
     const EXPOSURE: f32 = 1.3;
     const STILL: [f32; 3] = [0.4, 0.3, 0.5];
@@ -177,7 +177,7 @@ mod tests {
     /// Equation 6 and its gradient from the values and slopes of the CPU.
     fn expected(
         lights: &[&Light],
-        linear: &[Linear],
+        linear: &[UnitValues],
         [base, still]: [&[[f32; 3]]; 2],
         targets: &StepTargets,
     ) -> SoftCompared {
@@ -186,7 +186,7 @@ mod tests {
         for (at, (cell, wanted)) in targets.cells.iter().zip(&targets.references).enumerate() {
             let (share, [base, still]) = (wanted[3], [base, still].map(|picture| picture[*cell as usize]));
             for c in 0..3 {
-                let of = |(light, linear): (&&Light, &Linear)| light.radiance[c] * linear.values[at][c];
+                let of = |(light, linear): (&&Light, &UnitValues)| light.radiance[c] * linear.values[at][c];
                 let lit = lights.iter().zip(linear).map(of).sum::<f32>();
                 let value = EXPOSURE * (base[c] + STILL[c] * still[c] + lit);
                 let difference = reinhard(value) - wanted[c];
@@ -237,7 +237,7 @@ mod tests {
             let goals = Goals { layers: &layers, radiances: &[STILL], targets: &targets };
             for lights in all.chunks(5) {
                 let lights: Vec<&Light> = lights.iter().collect();
-                let linear: Vec<Linear> =
+                let linear: Vec<UnitValues> =
                     lights.iter().map(|light| soft.linearise(light, 0.1, &cells).unwrap()).collect();
                 let expected = expected(&lights, &linear, [&base, &still], &targets);
                 let found = on_gpu.compare(&soft, &lights, 0.1, &goals).unwrap();

@@ -33,7 +33,7 @@ use relume_image::Image;
 use crate::kernel::magnitude;
 use crate::{Gather, GatherError, PreparedLight, SampleSplit};
 use arguments::{ImagesArguments, TargetsArguments};
-use chunk::{Chunk, ChunkPlan, ChunkRecords, ChunkTable, MOST_PENDING, RECORD_BYTES};
+use chunk::{ChunkPlan, ChunkRecords, ChunkTable, GpuChunk, MOST_PENDING, RECORD_BYTES};
 pub use compare::{Goals, SoftCompared};
 use kernels::{GROUP_SIZE, LIGHTS, SORTED_LIGHTS, lanes};
 pub use light::{GpuLight, GpuLights, Receivers};
@@ -57,7 +57,7 @@ pub struct GpuGather {
     /// Most records of a chunk.
     chunk_limit: usize,
     /// The dump on the device; nothing if it does not fit.
-    resident: Option<Vec<Chunk>>,
+    resident: Option<Vec<GpuChunk>>,
     /// Sorted segments on the device, if asked for.
     sorted: OnceLock<Sorted>,
     /// Mean records of a pixel in a shard.
@@ -93,10 +93,10 @@ impl GpuGather {
     fn in_chunks(gpu: Arc<Gpu>, gather: &Gather, chunk_limit: usize) -> Result<Self, GatherError> {
         let mut gather = Self::streaming(gpu, gather, chunk_limit);
         let plans = ChunkPlan::cut(&gather.dump, chunk_limit);
-        let tables: u64 = plans.iter().map(|plan| Chunk::most_bytes_beside(plan, &gather.dump)).sum();
+        let tables: u64 = plans.iter().map(|plan| GpuChunk::most_bytes_beside(plan, &gather.dump)).sum();
         let needed = gather.dump.record_count() as u64 * RECORD_BYTES + tables;
         if gather.has_room(needed) {
-            let chunks = plans.into_iter().map(|plan| Chunk::new(&gather.gpu, plan));
+            let chunks = plans.into_iter().map(|plan| GpuChunk::new(&gather.gpu, plan));
             gather.resident = if_it_fits(chunks.collect())?;
         }
         Ok(gather)

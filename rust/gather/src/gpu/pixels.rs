@@ -35,12 +35,12 @@ struct Chosen<'a> {
     /// Place in the image, row by row.
     place: u32,
     tile: usize,
-    runs: Vec<Run<'a>>,
+    runs: Vec<PixelRun<'a>>,
 }
 
 /// The records of a pixel in one of the shards of its tile.
 #[derive(Debug)]
-struct Run<'a> {
+struct PixelRun<'a> {
     shard: &'a Shard,
     /// Number of the pixel within its tile.
     number: u32,
@@ -53,7 +53,7 @@ impl<'a> Chosen<'a> {
         let (tile, pixel) = dump.locate(place as usize % width, place as usize / width);
         let run = |(shard, number): (&'a Arc<Shard>, u32)| {
             let records = half.records(shard, pixel);
-            (!records.is_empty()).then_some(Run { shard, number, records })
+            (!records.is_empty()).then_some(PixelRun { shard, number, records })
         };
         Self { place, tile, runs: dump.tile(tile).zip(0..).filter_map(run).collect() }
     }

@@ -8,7 +8,7 @@ use super::kernels::{self, GROUP_SIZE, lanes};
 use super::{GpuGather, GpuLight};
 use crate::soft::OUTPUTS;
 use crate::soft::light::{ConeSlope, Enlarged, SoftBall, SoftCone, SoftLight, SoftProfile};
-use crate::{GatherError, Linear, PreparedLight, SampleSplit, SoftGather};
+use crate::{GatherError, PreparedLight, SampleSplit, SoftGather, UnitValues};
 
 /// Room for rounding of what a light reaches, as a share of its size and of the largest coordinate.
 const REACH_ROUNDING: f32 = 1e-5;
@@ -132,11 +132,11 @@ impl GpuGather {
         light: &Light,
         softness: f32,
         cells: &[u32],
-    ) -> Result<Linear, GatherError> {
+    ) -> Result<UnitValues, GatherError> {
         let softened = soft.soften(light, softness, cells)?;
         let on_device = self.gpu.buffer_of("cells", cells)?;
         let values = self.slopes(soft, &[softened], (cells, on_device.whole()))?;
-        Ok(Linear::new(&light.shape, &self.gpu.read(&values, 0..cells.len())?))
+        Ok(UnitValues::new(&light.shape, &self.gpu.read(&values, 0..cells.len())?))
     }
 
     /// Values and derivatives of some lights at some cells, which are here and on the device: light by light, then cell by cell.
@@ -210,7 +210,7 @@ mod tests {
         (error.sqrt(), whole.sqrt())
     }
 
-    fn slopes_of(linear: &Linear, lane: usize) -> Vec<[f32; 3]> {
+    fn slopes_of(linear: &UnitValues, lane: usize) -> Vec<[f32; 3]> {
         linear.slopes.iter().map(|slopes| slopes[lane]).collect()
     }
 
@@ -280,7 +280,7 @@ mod tests {
         let lamp = light(LightShape::Sphere { center: Vec3::ZERO, radius: 0.5 });
         assert!(matches!(on_gpu.linearise(&soft, &lamp, 0.0, &[0]), Err(GatherError::Softness(_))));
         assert!(matches!(on_gpu.linearise(&soft, &lamp, 0.1, &[4]), Err(GatherError::Cell { .. })));
-        assert_eq!(on_gpu.linearise(&soft, &lamp, 0.1, &[]).unwrap(), Linear::default());
+        assert_eq!(on_gpu.linearise(&soft, &lamp, 0.1, &[]).unwrap(), UnitValues::default());
         gpu.set_memory_budget(Some(1000));
         let streamed = GpuGather::new(gpu, &gather).unwrap();
         let error = streamed.linearise(&soft, &lamp, 0.1, &[0]).unwrap_err();

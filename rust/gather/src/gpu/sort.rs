@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use relume_dump::{Dump, Flags, Shard, decode_direction};
 
-use super::bounds::{Aabb, Bounds, Ends, Frame};
+use super::bounds::{Aabb, BoundsFrame, SegmentBounds, SegmentEnds};
 use crate::SampleSplit;
 
 /// Segments of a block (`shaders/gather/blocks.wgsl`).
@@ -36,12 +36,12 @@ pub struct PixelGroup {
 pub struct Blocks {
     pub segments: Vec<[u32; 4]>,
     pub throughput: Vec<u32>,
-    pub bounds: Vec<Bounds>,
+    pub bounds: Vec<SegmentBounds>,
 }
 
 #[derive(Clone, Copy)]
 struct Item {
-    ends: Ends,
+    ends: SegmentEnds,
     words: [u32; 4],
     throughput: u32,
 }
@@ -101,7 +101,7 @@ impl PixelGroup {
     }
 
     /// Sorts the segments.
-    pub fn sort(&self, dump: &Dump, frame: &Frame) -> Blocks {
+    pub fn sort(&self, dump: &Dump, frame: &BoundsFrame) -> Blocks {
         let mut classes = [const { Vec::new() }; CLASSES];
         for (number, shard) in dump.tile(self.tile).enumerate() {
             for pixel in 0..self.pixel_count() {
@@ -158,7 +158,7 @@ fn item(shard: &Shard, record: usize, place: u32) -> Option<(usize, Item)> {
         false => position(record),
     };
     let words = [xy[record], z_flags[record], xy[before], z_flags[before] & 0xffff | place];
-    Some((class, Item { ends: Ends { start, end }, words, throughput: shard.throughput()[record] }))
+    Some((class, Item { ends: SegmentEnds { start, end }, words, throughput: shard.throughput()[record] }))
 }
 
 /// Halves segments along the widest side of their bounds until they make up a block.
@@ -183,11 +183,11 @@ fn split(items: &mut [Item], end_weight: f32, take: &mut impl FnMut(&mut [Item])
 }
 
 impl Blocks {
-    fn push(&mut self, items: &mut [Item], escape: bool, frame: &Frame) {
+    fn push(&mut self, items: &mut [Item], escape: bool, frame: &BoundsFrame) {
         // Those of one pixel side by side: what neighbours add to one place can be added up before it is added there.
         items.sort_unstable_by_key(|item| item.words[3] >> 16 & 255);
         let bounds = Aabb::around(items.iter().map(|item| &item.ends));
-        self.bounds.push(Bounds::new(bounds, escape, frame));
+        self.bounds.push(SegmentBounds::new(bounds, escape, frame));
         self.segments.extend(items.iter().map(|item| item.words));
         self.throughput.extend(items.iter().map(|item| item.throughput));
         self.segments.resize(self.bounds.len() * BLOCK, [0, NOTHING, 0, 0]);

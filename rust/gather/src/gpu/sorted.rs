@@ -7,7 +7,7 @@ use relume_dump::Dump;
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, Kernel};
 use relume_scene::{Light, LightShape};
 
-use super::bounds::{Bounds, Frame};
+use super::bounds::{BoundsFrame, SegmentBounds};
 use super::chunk::GpuShard;
 use super::light::{GpuLight, GpuLights};
 use super::sort::{BLOCK, Blocks, MOST_SHARDS, PixelGroup};
@@ -18,7 +18,7 @@ use crate::{GatherError, PreparedLight, SampleSplit};
 const BLOCKS_AT_ONCE: usize = 1 << 18;
 /// Bytes of a segment on the device, and of the bounds of a block.
 const SEGMENT_BYTES: usize = 20;
-const BOUNDS_BYTES: usize = size_of::<Bounds>();
+const BOUNDS_BYTES: usize = size_of::<SegmentBounds>();
 /// Bytes that the gather in the order of paths reads of a segment that the light is far from.
 const PATH_ORDER_BYTES: f64 = 8.0;
 /// Radii of lights of which one stands for small ones, in diagonals of the scene: the first that touches so large a share of
@@ -48,7 +48,7 @@ struct GpuGroup {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Arguments {
-    frame: Frame,
+    frame: BoundsFrame,
     first_light: u32,
     lights: u32,
     paths: u32,
@@ -63,9 +63,9 @@ type Counted = (PixelGroup, usize);
 /// A dump on the device whose segments are sorted, so that most of them need not be read for a small light.
 #[derive(Debug)]
 pub struct Sorted {
-    frame: Frame,
+    frame: BoundsFrame,
     chunks: Vec<SortedChunk>,
-    sample: Vec<Bounds>,
+    sample: Vec<SegmentBounds>,
     image: [usize; 2],
     byte_cost: OnceLock<f64>,
 }
@@ -74,7 +74,7 @@ pub struct Sorted {
 struct SortedChunk {
     segments: Buffer<[u32; 4]>,
     throughput: Buffer<u32>,
-    bounds: Buffer<Bounds>,
+    bounds: Buffer<SegmentBounds>,
     shards: Buffer<GpuShard>,
     groups: Buffer<GpuGroup>,
 }
@@ -149,7 +149,7 @@ impl Sorted {
     ) -> Result<Option<Self>, GpuError> {
         let manifest = dump.manifest();
         let mut sorted = Self {
-            frame: Frame::new(dump),
+            frame: BoundsFrame::new(dump),
             chunks: Vec::new(),
             sample: Vec::new(),
             image: [manifest.width, manifest.height],
@@ -347,7 +347,7 @@ mod tests {
     use super::*;
     use crate::tests::kernels::random_dump_of;
 
-    relume_gpu::part_of_mirrors!(Frame as Struct);
+    relume_gpu::part_of_mirrors!(BoundsFrame as Struct);
 
     #[test]
     fn groups_are_taken_together_as_long_as_their_blocks_fit() {
@@ -367,6 +367,6 @@ mod tests {
             frame, first_light, lights, paths, image_width, stride,
         });
         assert_eq!(relume_gpu::layout::constant("gather/blocks", "BLOCK").unwrap(), BLOCK as u32);
-        relume_gpu::assert_mirror!(Frame as "gather/bounds", "Frame", { minimum, slack, step });
+        relume_gpu::assert_mirror!(BoundsFrame as "gather/bounds", "Frame", { minimum, slack, step });
     }
 }

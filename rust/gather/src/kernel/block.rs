@@ -16,8 +16,8 @@ const AHEAD: usize = BLOCK;
 
 /// Decoded segments.
 #[derive(Debug)]
-pub struct Block {
-    pub(super) groups: Box<[Group; GROUPS]>,
+pub struct SegmentBlock {
+    pub(super) groups: Box<[SegmentGroup; GROUPS]>,
     /// Segments that may cross the light at hand, a bit each.
     pub(super) candidates: [u8; GROUPS],
     /// The numbers of those bits.
@@ -49,16 +49,19 @@ impl Records {
 /// Eight segments.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(32))]
-pub struct Group {
+pub struct SegmentGroup {
     pub(super) origin: [[f32; WIDTH]; 3],
     pub(super) edge: [[f32; WIDTH]; 3],
     pub(super) inverse_length2: [f32; WIDTH],
 }
 
-impl Default for Block {
+impl Default for SegmentBlock {
     fn default() -> Self {
-        let group =
-            Group { origin: [[0.0; WIDTH]; 3], edge: [[0.0; WIDTH]; 3], inverse_length2: [0.0; WIDTH] };
+        let group = SegmentGroup {
+            origin: [[0.0; WIDTH]; 3],
+            edge: [[0.0; WIDTH]; 3],
+            inverse_length2: [0.0; WIDTH],
+        };
         Self {
             groups: Box::new([group; GROUPS]),
             candidates: [0; GROUPS],
@@ -69,7 +72,7 @@ impl Default for Block {
     }
 }
 
-impl Block {
+impl SegmentBlock {
     /// Number of the record that a segment is of.
     #[inline(always)]
     pub fn record(&self, index: usize) -> usize {
@@ -79,7 +82,7 @@ impl Block {
     /// Origin and edge of a segment.
     #[inline(always)]
     pub fn segment(&self, index: usize) -> ([f32; 3], [f32; 3]) {
-        let Group { origin: [x, y, z], edge: [u, v, w], .. } = &self.groups[index / WIDTH];
+        let SegmentGroup { origin: [x, y, z], edge: [u, v, w], .. } = &self.groups[index / WIDTH];
         let lane = index % WIDTH;
         ([x[lane], y[lane], z[lane]], [u[lane], v[lane], w[lane]])
     }
@@ -87,7 +90,12 @@ impl Block {
 
 /// Decodes consecutive records; `before` holds the end of the last record in its lane 7.
 #[inline(always)]
-pub fn decode<L: Lanes>(shard: &Shard, records: Range<usize>, block: &mut Block, before: &mut Vec3x<L>) {
+pub fn decode<L: Lanes>(
+    shard: &Shard,
+    records: Range<usize>,
+    block: &mut SegmentBlock,
+    before: &mut Vec3x<L>,
+) {
     let (xy, z_flags) = (&shard.position_xy()[records.clone()], &shard.position_z_flags()[records.clone()]);
     (block.records, block.len) = (Records::From(records.start), records.len());
     let (xy_groups, xy_rest) = xy.as_chunks::<WIDTH>();
@@ -115,7 +123,7 @@ pub fn decode<L: Lanes>(shard: &Shard, records: Range<usize>, block: &mut Block,
 /// Decodes records by number.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
-pub fn decode_listed<L: Lanes>(shard: &Shard, numbers: &[u32], block: &mut Block) {
+pub fn decode_listed<L: Lanes>(shard: &Shard, numbers: &[u32], block: &mut SegmentBlock) {
     let (xy, z_flags) = (shard.position_xy(), shard.position_z_flags());
     let decoder = Decoder::<L>::new(shard);
     for (numbers, group) in numbers.chunks(WIDTH).zip(block.groups.iter_mut()) {
@@ -163,7 +171,7 @@ impl<L: Lanes> Decoder<L> {
 
     /// Decodes records; `before` holds the ends of their predecessors.
     #[inline(always)]
-    fn decode(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH], before: Vec3x<L>, group: &mut Group) {
+    fn decode(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH], before: Vec3x<L>, group: &mut SegmentGroup) {
         /// Bits of the flags in `position_z_flags`.
         const PATH_START: u32 = 16;
         const ESCAPED: u32 = 17;

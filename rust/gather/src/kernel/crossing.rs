@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::block::Group;
+use super::block::SegmentGroup;
 use crate::lanes::{Lanes, Vec3x};
 use crate::light::{Ball, Plane};
 
@@ -21,7 +21,7 @@ pub fn collect(bits: &[u8], numbers: &mut Vec<u16>) {
     }
 }
 
-type Tested<'a> = std::iter::Zip<std::slice::Iter<'a, Group>, std::slice::IterMut<'a, u8>>;
+type Tested<'a> = std::iter::Zip<std::slice::Iter<'a, SegmentGroup>, std::slice::IterMut<'a, u8>>;
 
 /// The segments that come within the radius of the centre, and some more for rounding.
 #[inline(always)]

@@ -123,7 +123,7 @@ impl<L: Lanes> Round<L> {
     }
 }
 
-struct Place<L> {
+struct BallPlace<L> {
     to_center: Wide3<L>,
     across: Wide3<L>,
     across2: Wide<L>,
@@ -131,17 +131,17 @@ struct Place<L> {
 }
 
 #[inline(always)]
-fn place<L: Lanes>(ball: &SoftBall, segments: &Segments<L>) -> Place<L> {
+fn place<L: Lanes>(ball: &SoftBall, segments: &Segments<L>) -> BallPlace<L> {
     let to_center = Wide3::from(ball.center) - segments.origin;
     let along = to_center.dot(segments.direction);
     let across = to_center - segments.direction * along;
-    Place { to_center, across, across2: across.dot(across), along }
+    BallPlace { to_center, across, across2: across.dot(across), along }
 }
 
 /// A sphere; seen only by segments towards the centre if it is not two-sided (1, else 0).
 #[inline(always)]
 fn sphere<L: Lanes>(ball: &SoftBall, segments: &Segments<L>, two_sided: f32) -> Round<L> {
-    let Place { to_center, across, across2, along } = place(ball, segments);
+    let BallPlace { to_center, across, across2, along } = place(ball, segments);
     let Enlarged { inverse, share, edge, .. } = ball.enlarged;
     let inverse2 = inverse * inverse;
     let x = across2 * inverse2;
@@ -167,7 +167,7 @@ fn sphere<L: Lanes>(ball: &SoftBall, segments: &Segments<L>, two_sided: f32) -> 
 /// A disk that faces the origin; its plane's distance is regularised where the origin is nearer than the width.
 #[inline(always)]
 fn facing_disk<L: Lanes>(ball: &SoftBall, segments: &Segments<L>) -> Round<L> {
-    let Place { to_center, across, across2, along } = place(ball, segments);
+    let BallPlace { to_center, across, across2, along } = place(ball, segments);
     let Enlarged { inverse, share, edge, .. } = ball.enlarged;
     let inverse2 = inverse * inverse;
     let nearness = (along * along + ball.width * ball.width).recip();

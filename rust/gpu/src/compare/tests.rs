@@ -52,7 +52,7 @@ fn step_targets() -> StepTargets {
             let [r, g, b] = reference(i);
             [r, g, b, weight * share(i) / total]
         }));
-        targets.terms.push(Term {
+        targets.terms.push(GpuTerm {
             mean_reference: [0.3, -0.2, 0.1],
             residual,
             amount,
@@ -71,7 +71,7 @@ fn alone(targets: &StepTargets, number: usize) -> StepTargets {
     let term = targets.terms[number];
     let range = term.first as usize..(term.first + term.count) as usize;
     let (cells, wanted) = (targets.cells[range.clone()].to_vec(), targets.references[range].to_vec());
-    StepTargets { cells, references: wanted, terms: vec![Term { first: 0, ..term }] }
+    StepTargets { cells, references: wanted, terms: vec![GpuTerm { first: 0, ..term }] }
 }
 
 fn compared(layers: &Layers, radiances: &[[f32; 3]], targets: &StepTargets) -> Compared {
@@ -173,7 +173,7 @@ fn lights_in_parts_are_those_of_layers() {
         gpu.buffer_of("units", &[of(&a, &b), of(&b, &a)].concat()).unwrap()
     };
     let values: Vec<Buffer<[f32; 3]>> = parts.iter().map(|part| outputs(part.clone())).collect();
-    let units = |number: usize| Units {
+    let units = |number: usize| UnitBindings {
         lights: 2,
         radiances: (quads.whole(), 2),
         first: 1,
@@ -224,7 +224,7 @@ crate::part_of_mirrors!(Residual as U32);
 
 #[test]
 fn structs_and_numbers_are_those_of_the_wgsl() {
-    crate::assert_mirror!(Term as "common/compare", "Term", {
+    crate::assert_mirror!(GpuTerm as "common/compare", "Term", {
         mean_reference, residual, amount, exposure, weight, luminance, first, count,
     });
     crate::assert_mirror!(CompareArguments as "common/compare", "Arguments", { terms });

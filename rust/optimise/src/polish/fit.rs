@@ -4,7 +4,7 @@ use crate::OptimiseError;
 use crate::active_bound::ActiveBound;
 use crate::least_squares::{Jacobian, NormalEquations};
 use crate::objective::{Draw, Objective, ViewObjective, mean};
-use crate::relight::Picture;
+use crate::relight::PictureCells;
 use crate::term::Uncertainty;
 use crate::variable::{Mapping, PARAMS};
 use rayon::prelude::*;
@@ -25,15 +25,15 @@ const LONGEST: f64 = 0.7;
 
 /// Lights, and how far they are from the goals.
 #[derive(Clone)]
-pub(super) struct State {
+pub(super) struct FitState {
     pub lights: Vec<Light>,
     /// Pictures of all views.
-    pub pictures: Vec<Picture>,
+    pub pictures: Vec<PictureCells>,
     /// Weighted residuals of the clean pictures.
     pub residuals: [Vec<f32>; 2],
 }
 
-impl State {
+impl FitState {
     /// Residuals times their trust.
     fn trusted(&self, trust: &Trust) -> [Vec<f32>; 2] {
         let of_half = |half: &Vec<f32>| half.iter().enumerate().map(|(i, r)| trust.of(i) * r).collect();
@@ -76,7 +76,7 @@ impl<'a> Fit<'a> {
 
     /// Updates the uncertainty of means at these lights. It is taken for the same at those nearby: noise itself would lead
     /// small steps astray.
-    pub fn update_uncertainties(&mut self, state: &mut State) {
+    pub fn update_uncertainties(&mut self, state: &mut FitState) {
         let views = self.objective.views.iter().zip(self.draw).zip(&state.pictures);
         self.uncertainties = views.map(|((view, draw), picture)| view.uncertainties(picture, draw)).collect();
         state.residuals = self.residuals(&state.pictures, Base::Clean);
@@ -85,7 +85,7 @@ impl<'a> Fit<'a> {
     /// Steps until nothing is gained any more, or there were `most`; whether the caller wants to stop altogether.
     pub fn descend(
         &self,
-        best: &mut State,
+        best: &mut FitState,
         width: f32,
         iteration: &mut usize,
         most: usize,
@@ -125,15 +125,15 @@ impl<'a> Fit<'a> {
         Ok(flow)
     }
 
-    pub fn state(&self, lights: &[Light]) -> Result<State, OptimiseError> {
+    pub fn state(&self, lights: &[Light]) -> Result<FitState, OptimiseError> {
         let pictures = self.objective.views.iter().map(|view| view.whole_picture(lights));
         let pictures = pictures.collect::<Result<Vec<_>, _>>()?;
         let residuals = self.residuals(&pictures, Base::Clean);
-        Ok(State { lights: lights.to_vec(), pictures, residuals })
+        Ok(FitState { lights: lights.to_vec(), pictures, residuals })
     }
 
     /// Weighted residuals of either half of the pictures of all views, clean or exact.
-    pub fn residuals(&self, pictures: &[Picture], of: Base) -> [Vec<f32>; 2] {
+    pub fn residuals(&self, pictures: &[PictureCells], of: Base) -> [Vec<f32>; 2] {
         let mut residuals = [Vec::new(), Vec::new()];
         for (((view, draw), uncertainties), picture) in self.views().zip(pictures) {
             let comparisons = view.compare_picture(picture, uncertainties, draw);
@@ -155,7 +155,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Sum of the products of two estimates: that of squares without what noise adds.
-    pub fn loss(&self, state: &State, trust: &Trust) -> f64 {
+    pub fn loss(&self, state: &FitState, trust: &Trust) -> f64 {
         let [a, b] = &state.residuals;
         let product = |(i, (a, b)): (usize, (&f32, &f32))| f64::from(a * b) * f64::from(trust.of(i)).powi(2);
         let goals: f64 = a.iter().zip(b).enumerate().map(product).sum();
@@ -174,7 +174,7 @@ impl<'a> Fit<'a> {
     pub fn step_of(
         &self,
         mut system: NormalEquations,
-        state: &State,
+        state: &FitState,
         damping: f64,
         trust: &Trust,
     ) -> Option<Vec<f64>> {
@@ -201,7 +201,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    pub fn normal_equations(&self, jacobian: &Jacobian, state: &State, trust: &Trust) -> NormalEquations {
+    pub fn normal_equations(&self, jacobian: &Jacobian, state: &FitState, trust: &Trust) -> NormalEquations {
         let lights = &state.lights;
         let mut system = NormalEquations::new(lights.len() * PARAMS);
         system.add(jacobian, &state.trusted(trust));
@@ -216,7 +216,7 @@ impl<'a> Fit<'a> {
     /// Differences of pictures at both sides of each free value. None if the caller wants to stop.
     pub fn jacobian(
         &self,
-        state: &State,
+        state: &FitState,
         width: f32,
         trust: &Trust,
         on_light: &mut dyn FnMut() -> ControlFlow<()>,
@@ -252,7 +252,7 @@ impl<'a> Fit<'a> {
     /// paths makes.
     pub fn residuals_instead(
         &self,
-        state: &State,
+        state: &FitState,
         number: usize,
         lights: &[Light],
         trust: &Trust,

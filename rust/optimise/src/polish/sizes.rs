@@ -1,4 +1,4 @@
-use super::fit::{Base, Fit, State};
+use super::fit::{Base, Fit, FitState};
 use super::noise::{Gain, Trust};
 use crate::OptimiseError;
 use crate::variable::Mapping;
@@ -20,7 +20,7 @@ const UNCHANGED: f32 = 1e-3;
 /// Tests of sizes that need exact pictures: denoising takes more from small lights than from large ones, and dims them.
 impl Fit<'_> {
     /// State with the sizes that suit best of some over their whole range.
-    pub fn with_best_sizes(&self, state: State) -> Result<State, OptimiseError> {
+    pub fn with_best_sizes(&self, state: FitState) -> Result<FitState, OptimiseError> {
         let trust = Trust::new(&self.exact_residuals(&state), &self.rows);
         let mut lights = state.lights.clone();
         for (number, light) in lights.iter_mut().enumerate() {
@@ -38,7 +38,7 @@ impl Fit<'_> {
     /// like the middle better, and clean ones not much less.
     fn better_sized(
         &self,
-        state: &State,
+        state: &FitState,
         number: usize,
         now: &Light,
         trust: &Trust,
@@ -71,7 +71,7 @@ impl Fit<'_> {
     fn is_hardly_disliked(
         &self,
         other: &Light,
-        state: &State,
+        state: &FitState,
         number: usize,
         now: &Light,
     ) -> Result<bool, OptimiseError> {
@@ -80,7 +80,7 @@ impl Fit<'_> {
     }
 
     /// Loss of clean pictures with a light in place of one of the state's.
-    fn clean_loss_with(&self, state: &State, number: usize, light: &Light) -> Result<f64, OptimiseError> {
+    fn clean_loss_with(&self, state: &FitState, number: usize, light: &Light) -> Result<f64, OptimiseError> {
         let mut lights = state.lights.clone();
         lights[number] = light.clone();
         Ok(self.loss(&self.state(&lights)?, &Trust::default()))
@@ -90,7 +90,7 @@ impl Fit<'_> {
     /// state's.
     fn gains_instead(
         &self,
-        state: &State,
+        state: &FitState,
         number: usize,
         now: &Light,
         others: &[Light],
@@ -112,9 +112,9 @@ impl Fit<'_> {
     }
 
     /// State with the radiances that exact pictures ask for, if they leave little uncertainty.
-    pub fn with_exact_radiances(&self, state: State) -> Result<State, OptimiseError> {
+    pub fn with_exact_radiances(&self, state: FitState) -> Result<FitState, OptimiseError> {
         let residuals = self.exact_residuals(&state);
-        let (trust, exact) = (Trust::new(&residuals, &self.rows), State { residuals, ..state.clone() });
+        let (trust, exact) = (Trust::new(&residuals, &self.rows), FitState { residuals, ..state.clone() });
         let jacobian = self.jacobian(&exact, 0.0, &trust, &mut || ControlFlow::Continue(()))?;
         let delta = jacobian.and_then(|jacobian| {
             let system = self.normal_equations(&jacobian, &exact, &trust);
@@ -127,13 +127,13 @@ impl Fit<'_> {
     }
 
     /// Gain of one state over another by exact pictures.
-    pub fn exact_gain(&self, before: &State, after: &State) -> Gain {
-        let strain = |state: &State| self.objective.preference_loss(&self.mappings, &state.lights);
+    pub fn exact_gain(&self, before: &FitState, after: &FitState) -> Gain {
+        let strain = |state: &FitState| self.objective.preference_loss(&self.mappings, &state.lights);
         let gain = Gain::new(&self.exact_residuals(before), &self.exact_residuals(after));
         gain.plus(strain(before) - strain(after))
     }
 
-    fn exact_residuals(&self, state: &State) -> [Vec<f32>; 2] {
+    fn exact_residuals(&self, state: &FitState) -> [Vec<f32>; 2] {
         self.residuals(&state.pictures, Base::Exact)
     }
 

@@ -1,7 +1,7 @@
 use super::*;
 use crate::objective::{add, mean};
 use crate::random::Random;
-use crate::relight::Picture;
+use crate::relight::PictureCells;
 use crate::tests::{FLOOR, SIZE, flat, lamps, picture, target, variable};
 use crate::variable::luminance;
 use crate::{Criterion, Goal, Locks, Relight, RelightError, View};
@@ -39,13 +39,13 @@ impl Relight for Noisy {
         let at = |whole: Vec<[f32; 3]>| cells.iter().map(|cell| whole[*cell as usize]).collect();
         Ok(lights.iter().map(|light| [0, 1].map(|half| at(self.half(light, half)))).collect())
     }
-    fn picture(&self, lights: &[&Light]) -> Result<Picture, RelightError> {
+    fn picture(&self, lights: &[&Light]) -> Result<PictureCells, RelightError> {
         let light = lights[0];
         let lit = |v: [f32; 3]| std::array::from_fn(|c| v[c] * light.radiance[c]);
         let exact = [0, 1].map(|half| self.half(light, half).into_iter().map(lit).collect::<Vec<[f32; 3]>>());
         let dimmed =
             |v: &[f32; 3]| v.map(|v| v * (1.0 - self.dimming / light.shape.sizes()[0] * v / (v + 1.0)));
-        Ok(Picture { clean: exact.each_ref().map(|half| half.iter().map(dimmed).collect()), exact })
+        Ok(PictureCells { clean: exact.each_ref().map(|half| half.iter().map(dimmed).collect()), exact })
     }
     fn pull_back(&self, _: &Light, _: f32, _: &[u32], _: &[[f32; 3]]) -> Result<[f32; LANES], RelightError> {
         Ok([0.0; LANES])
@@ -147,7 +147,7 @@ fn residuals_beside_a_picture_are_its_own_to_first_order() {
         );
         let of = |at: &[[f32; 3]], picture: &[[f32; 3]]| {
             let twice = || [at.to_vec(), at.to_vec()];
-            let at = Picture { exact: twice(), clean: twice() };
+            let at = PictureCells { exact: twice(), clean: twice() };
             let uncertainties = view.uncertainties(&at, draw);
             view.residuals_beside(&view.compare_picture(&at, &uncertainties, draw), picture, draw)
         };

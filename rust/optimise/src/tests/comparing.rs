@@ -47,9 +47,9 @@ impl Compare for OnFloor<'_> {
         still: &[[f32; 3]],
         softness: f32,
         wanted: &[TermTarget],
-    ) -> Result<Option<Compared>, RelightError> {
+    ) -> Result<Option<LossGradient>, RelightError> {
         self.count.fetch_add(1, Ordering::Relaxed);
-        let mut compared = Compared {
+        let mut compared = LossGradient {
             loss: 0.0,
             lights: vec![Default::default(); lights.len()],
             still: vec![[0.0; 3]; still.len()],

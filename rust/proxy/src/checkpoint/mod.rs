@@ -44,7 +44,7 @@ struct TrainingHeader {
 }
 
 /// Contents of a file.
-struct Contents {
+struct CheckpointContents {
     info: ProxyInfo,
     features: PixelFeatures,
     weights: Vec<f32>,
@@ -100,7 +100,7 @@ impl Trainer {
     }
 
     /// `None` without a training.
-    fn from_contents(contents: Contents) -> Result<Option<Self>, ProxyError> {
+    fn from_contents(contents: CheckpointContents) -> Result<Option<Self>, ProxyError> {
         let Some((header, state)) = contents.training else { return Ok(None) };
         let mut trainer =
             Self::new(Arc::new(contents.features), contents.info.kind, header.config, header.seed)?;
@@ -122,7 +122,7 @@ pub fn read_info(path: &Path) -> Result<ProxyInfo, ProxyError> {
 /// panic nor allocate without measure.
 pub fn fuzz_open(bytes: &[u8]) -> bool {
     let Ok(contents) = read::decode(bytes) else { return false };
-    let Contents { info, features, weights, .. } = &contents;
+    let CheckpointContents { info, features, weights, .. } = &contents;
     let proxy = Proxy::new(info.clone(), Arc::new(features.clone()), weights.clone());
     let params = [0.5; crate::MAX_PARAMS];
     if let Some(light) = LightParams::from_slice(info.kind, &params[..info.kind.param_count()]) {

@@ -4,7 +4,7 @@ use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;
 
 use super::write::{checksum, format_error};
-use super::{Contents, FORMAT_VERSION, HEADER_KEY, Header};
+use super::{CheckpointContents, FORMAT_VERSION, HEADER_KEY, Header};
 use crate::encoding::LightEncoding;
 use crate::network::{FastNetwork, Network, ReferenceNetwork};
 use crate::optim::Optimiser;
@@ -13,14 +13,14 @@ use crate::proxy::ProxyInfo;
 use crate::trainer::TrainState;
 use crate::{NetworkConfig, PixelFeatures, ProxyError};
 
-pub(super) fn open(path: &Path) -> Result<Contents, ProxyError> {
+pub(super) fn open(path: &Path) -> Result<CheckpointContents, ProxyError> {
     let bytes =
         std::fs::read(path).map_err(|source| ProxyError::Io { path: path.display().to_string(), source })?;
     decode(&bytes).map_err(|reason| format_error(path, reason))
 }
 
 /// Reads a file's bytes; every size is checked before it is used.
-pub(super) fn decode(bytes: &[u8]) -> Result<Contents, String> {
+pub(super) fn decode(bytes: &[u8]) -> Result<CheckpointContents, String> {
     let damaged = |error| format!("damaged or no proxy ({error}); train it again or restore the file");
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let json = metadata.metadata().as_ref().and_then(|m| m.get(HEADER_KEY));
@@ -65,7 +65,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Contents, String> {
             Some((training, state))
         }
     };
-    Ok(Contents { info: header.info, features, weights, training })
+    Ok(CheckpointContents { info: header.info, features, weights, training })
 }
 
 fn parse_header(json: &str) -> Result<Header, String> {

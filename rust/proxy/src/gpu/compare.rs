@@ -1,10 +1,10 @@
 use std::sync::MutexGuard;
 
 use relume_gpu::Commands;
-use relume_gpu::compare::{Layers, Step, StepTargets, Units};
+use relume_gpu::compare::{CompareStep, Layers, StepTargets, UnitBindings};
 
 use super::gradient::LightGradient;
-use super::proxy::{GpuProxy, Shared, grow};
+use super::proxy::{GpuProxy, SharedBuffers, grow};
 use crate::{LightParams, ProxyError};
 
 /// A loss and its gradients.
@@ -36,7 +36,7 @@ pub fn compare(
 ) -> Result<ProxyCompared, ProxyError> {
     proxies.iter().try_for_each(|proxy| proxy.proxy().check_pixels(&targets.cells))?;
     let mut groups = groups(proxies, lights)?;
-    let gradients = groups.iter().map(Group::gradients).sum();
+    let gradients = groups.iter().map(ProxyLights::gradients).sum();
     let mut commands = layers.gpu().commands("light step");
     let step = layers.begin(&mut commands, radiances, targets, gradients)?;
     for group in &mut groups {
@@ -63,9 +63,9 @@ pub fn compare(
 }
 
 /// The lights of one proxy.
-struct Group<'a> {
+struct ProxyLights<'a> {
     proxy: &'a GpuProxy,
-    shared: MutexGuard<'a, Shared>,
+    shared: MutexGuard<'a, SharedBuffers>,
     lights: Vec<(LightParams, [f32; 3])>,
     /// Their places among all lights.
     numbers: Vec<usize>,
@@ -75,7 +75,7 @@ struct Group<'a> {
 fn groups<'a>(
     proxies: &[&'a GpuProxy],
     lights: &[(LightParams, [f32; 3])],
-) -> Result<Vec<Group<'a>>, ProxyError> {
+) -> Result<Vec<ProxyLights<'a>>, ProxyError> {
     let is_of = |proxy: &GpuProxy, light: &LightParams| proxy.proxy().info().kind == light.kind();
     for (light, _) in lights {
         if let (false, Some(other)) = (proxies.iter().any(|proxy| is_of(proxy, light)), proxies.first()) {
@@ -91,20 +91,20 @@ fn groups<'a>(
         if !lights.is_empty() {
             let mut shared = proxy.shared();
             proxy.write_lights(&mut shared, &lights)?;
-            groups.push(Group { proxy, shared, lights, numbers });
+            groups.push(ProxyLights { proxy, shared, lights, numbers });
         }
     }
     Ok(groups)
 }
 
-impl Group<'_> {
+impl ProxyLights<'_> {
     /// Values of the gradients of all of its lights.
     fn gradients(&self) -> usize {
         self.lights.len() * self.proxy.gradient_len()
     }
 
     /// Appends what adds its lights to the picture.
-    fn add(&mut self, commands: &mut Commands<'_>, step: &Step<'_>) -> Result<(), ProxyError> {
+    fn add(&mut self, commands: &mut Commands<'_>, step: &CompareStep<'_>) -> Result<(), ProxyError> {
         let (proxy, shared, lights) = (self.proxy, &mut *self.shared, self.lights.len());
         for part in step.parts(proxy.batch(lights)) {
             grow(proxy.gpu(), &mut shared.units, 3 * part.len() * lights)?;
@@ -112,13 +112,18 @@ impl Group<'_> {
             proxy.add_units(commands, shared, lights, part.len())?;
             let radiances = (shared.lights.whole(), proxy.light_len() / 4);
             let values = (shared.units.whole(), 1);
-            step.add(commands, &Units { lights, radiances, first: 0, values, all: None }, part)?;
+            step.add(commands, &UnitBindings { lights, radiances, first: 0, values, all: None }, part)?;
         }
         Ok(())
     }
 
     /// Appends what adds its gradients to the values from `first` on.
-    fn pull(&mut self, commands: &mut Commands<'_>, step: &Step<'_>, first: usize) -> Result<(), ProxyError> {
+    fn pull(
+        &mut self,
+        commands: &mut Commands<'_>,
+        step: &CompareStep<'_>,
+        first: usize,
+    ) -> Result<(), ProxyError> {
         let (proxy, shared, lights) = (self.proxy, &mut *self.shared, self.lights.len());
         let parts = step.parts(proxy.batch(lights));
         for part in &parts {

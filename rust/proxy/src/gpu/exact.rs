@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::matrices::ByMatrices;
 use super::network::{Matrix, Parts};
 use super::proxy::{GpuProxy, grow};
-use crate::analytic::{FEATURES, Real, Surface, features, scaled_params};
+use crate::analytic::{FEATURES, PixelSurface, Real, features, scaled_params};
 use crate::scene_cache::{FACTOR, SURFACE};
 use crate::simd::LANES;
 use crate::{LightParams, Proxy, ProxyError};
@@ -76,9 +76,9 @@ fn encoded_row(encoded: &[f32], rows: usize, pixel: usize) -> Vec<f64> {
     (0..rows).map(|row| f64::from(tile[row * LANES + pixel % LANES])).collect()
 }
 
-fn surface_of(rows: &[f64]) -> Surface<f64> {
+fn surface_of(rows: &[f64]) -> PixelSurface<f64> {
     let vector = |first: usize| [rows[first], rows[first + 1], rows[first + 2]];
-    Surface { position: vector(0), normal: vector(3), mirror: vector(6) }
+    PixelSurface { position: vector(0), normal: vector(3), mirror: vector(6) }
 }
 
 impl Parts<'_> {

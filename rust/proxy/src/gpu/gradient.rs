@@ -1,6 +1,6 @@
 use relume_gpu::{Binding, Buffer, Commands, Gpu, Kernel};
 
-use super::proxy::{GpuProxy, Shared, grow};
+use super::proxy::{GpuProxy, SharedBuffers, grow};
 use crate::proxy::check_length;
 use crate::{LightParams, ProxyError};
 
@@ -39,7 +39,7 @@ struct GradientArguments {
 /// Arguments of `light_sums`.
 #[derive(Clone, Copy, bytemuck::NoUninit)]
 #[repr(C)]
-struct SumArguments {
+struct LightSumArguments {
     groups: u32,
     lights: u32,
     first: u32,
@@ -85,7 +85,7 @@ impl GpuProxy {
     pub(super) fn add_gradients(
         &self,
         commands: &mut Commands<'_>,
-        shared: &mut Shared,
+        shared: &mut SharedBuffers,
         lights: usize,
         count: usize,
         d_picture: Binding<'_>,
@@ -107,7 +107,11 @@ impl GpuProxy {
         commands.run(&kernels.gradient.bind(&buffers)?, lights * groups, bytemuck::bytes_of(&arguments));
         let bound = kernels.add_up.bind(&[kernels.sums.whole(), results.whole()])?;
         let quads = (self.gradient_len() / 4) as u32;
-        commands.run(&bound, lights * quads, bytemuck::bytes_of(&SumArguments { groups, lights, first }));
+        commands.run(
+            &bound,
+            lights * quads,
+            bytemuck::bytes_of(&LightSumArguments { groups, lights, first }),
+        );
         Ok(())
     }
 
@@ -167,6 +171,6 @@ mod tests {
         relume_gpu::assert_mirror!(GradientArguments as "proxy/light_gradient", "Arguments", {
             count, groups, lights,
         });
-        relume_gpu::assert_mirror!(SumArguments as "proxy/light_sums", "Arguments", { groups, lights, first });
+        relume_gpu::assert_mirror!(LightSumArguments as "proxy/light_sums", "Arguments", { groups, lights, first });
     }
 }

@@ -36,7 +36,7 @@ pub struct GpuProxy {
     tile: usize,
     weights: Buffer<f32>,
     /// The image in runs of pixels that each fit a buffer.
-    pub(super) parts: Vec<Part>,
+    pub(super) parts: Vec<EncodedPixels>,
     infer: Kernel,
     collect: Kernel,
     /// Faster than `infer`, where the device can.
@@ -46,19 +46,19 @@ pub struct GpuProxy {
     /// Most bytes that workgroups keep of the way forward while they make gradients.
     pub(super) max_kept: usize,
     /// Buffers that calls share, so that one at a time may write and submit.
-    shared: Mutex<Shared>,
+    shared: Mutex<SharedBuffers>,
 }
 
 /// Encoded pixels that follow each other in the image.
 #[derive(Debug)]
-pub(super) struct Part {
+pub(super) struct EncodedPixels {
     pixels: Range<usize>,
     encoded: Buffer<f32>,
 }
 
-/// They grow as asked.
+/// Buffers that calls share. They grow as asked.
 #[derive(Debug)]
-pub(super) struct Shared {
+pub(super) struct SharedBuffers {
     pub lights: Buffer<f32>,
     /// Encoded pixels of a list, in its order.
     pub collected: Buffer<f32>,
@@ -106,7 +106,7 @@ impl GpuProxy {
         }
         let tile = 1 << tile.ilog2();
         let kind = proxy.info().kind;
-        let shared = Shared {
+        let shared = SharedBuffers {
             lights: gpu.zeros("light of a proxy", light_len(&network))?,
             collected: gpu.zeros("collected pixels", 1)?,
             units: gpu.zeros("unit image", 3)?,
@@ -216,7 +216,7 @@ impl GpuProxy {
             Some(matrices) => (&matrices.kernel, matrices.weights.whole(), matrices.tile),
             None => (&self.infer, self.weights.whole(), self.tile),
         };
-        for Part { pixels, encoded } in &self.parts {
+        for EncodedPixels { pixels, encoded } in &self.parts {
             let out = out.part(3 * pixels.start..3 * pixels.end);
             let bound = kernel.bind(&[weights, encoded.whole(), lights.whole(), out])?;
             add_inference(commands, &bound, tile, 1, pixels.len());
@@ -269,13 +269,13 @@ impl GpuProxy {
     pub(super) fn add_pixels(
         &self,
         commands: &mut Commands<'_>,
-        shared: &mut Shared,
+        shared: &mut SharedBuffers,
         pixels: Binding<'_>,
         count: usize,
     ) -> Result<(), ProxyError> {
         let values = count.next_multiple_of(32) * self.network.pixel_rows;
         grow(&self.gpu, &mut shared.collected, values)?;
-        for Part { pixels: of_part, encoded } in &self.parts {
+        for EncodedPixels { pixels: of_part, encoded } in &self.parts {
             let bound = self.collect.bind(&[encoded.whole(), pixels, shared.collected.whole()])?;
             let (first, end) = (of_part.start as u32, of_part.end as u32);
             let arguments = CollectArguments { count: count as u32, first, end };
@@ -288,7 +288,7 @@ impl GpuProxy {
     pub(super) fn add_units(
         &self,
         commands: &mut Commands<'_>,
-        shared: &Shared,
+        shared: &SharedBuffers,
         lights: usize,
         count: usize,
     ) -> Result<(), ProxyError> {
@@ -309,7 +309,7 @@ impl GpuProxy {
 
     pub(super) fn write_lights(
         &self,
-        shared: &mut Shared,
+        shared: &mut SharedBuffers,
         lights: &[(LightParams, [f32; 3])],
     ) -> Result<(), ProxyError> {
         lights.iter().try_for_each(|(light, _)| self.proxy.check_kind(light))?;
@@ -365,19 +365,19 @@ impl GpuProxy {
         constants(&self.network, self.tile, self.proxy.info().kind)
     }
 
-    pub(super) fn shared(&self) -> MutexGuard<'_, Shared> {
+    pub(super) fn shared(&self) -> MutexGuard<'_, SharedBuffers> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// The encoded pixels of a proxy in buffers of at most so many bytes, or of as few pixels as go together.
-fn parts(gpu: &Gpu, proxy: &Proxy, rows: usize, bytes: u64) -> Result<Vec<Part>, GpuError> {
+fn parts(gpu: &Gpu, proxy: &Proxy, rows: usize, bytes: u64) -> Result<Vec<EncodedPixels>, GpuError> {
     let most = ((bytes / (4 * rows as u64)) as usize / PART_PIXELS * PART_PIXELS).max(PART_PIXELS);
     let count = proxy.features().pixel_count();
     let part = |(number, values): (usize, &[f32])| {
         let first = number * most;
         let encoded = gpu.buffer_of("encoded pixels", values)?;
-        Ok(Part { pixels: first..count.min(first + most), encoded })
+        Ok(EncodedPixels { pixels: first..count.min(first + most), encoded })
     };
     proxy.encoded().chunks(most * rows).enumerate().map(part).collect()
 }

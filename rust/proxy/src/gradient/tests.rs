@@ -58,7 +58,7 @@ fn loss_and_gradient<N: Network>(
     params: &[f32],
     batch: &Batch,
 ) -> (f64, Vec<f32>) {
-    let context = Context { isa, scene: &setup.scene, params };
+    let context = NetworkContext { isa, scene: &setup.scene, params };
     let mut buffers = GradientBuffers::new(network);
     let loss = batch_gradient(network, &network.pack(params), context, batch, &mut buffers);
     (loss, buffers.total.to_vec())
@@ -126,7 +126,7 @@ fn check_weight_gradients<N: Network>(network: &N, setup: &Setup, width: usize, 
 
 /// Outputs of all samples, by inference.
 pub(crate) fn predictions<N: Network>(network: &N, setup: &Setup, params: &[f32], batch: &Batch) -> Vec<f32> {
-    let context = Context { isa: Isa::Portable, scene: &setup.scene, params };
+    let context = NetworkContext { isa: Isa::Portable, scene: &setup.scene, params };
     let packed = network.pack(params);
     let mut scratch = network.light_scratch();
     let mut encoded = AlignedVec::zeros(network.pixel_rows() * LANES);
@@ -183,7 +183,7 @@ pub(crate) fn difference_quotient(mut value: impl FnMut(f32) -> f64, step: f32) 
 /// The gradient by the light of `sum c_i y_i`, for fixed random `c`, against difference quotients of every parameter.
 fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, what: &str) {
     let params = params_away_from_kinks(network.layout(), width);
-    let context = Context { isa: Isa::detect(), scene: &setup.scene, params: &params };
+    let context = NetworkContext { isa: Isa::detect(), scene: &setup.scene, params: &params };
     let packed = network.pack(&params);
     let mut scratch = network.light_scratch();
     let mut encoded = AlignedVec::zeros(network.pixel_rows() * LANES);

@@ -1,4 +1,4 @@
-use super::{CHUNK_TILES, Chunk, ChunkGradients, Context, Network};
+use super::{CHUNK_TILES, ChunkGradients, Network, NetworkContext, SampleChunk};
 use crate::analytic::FEATURES;
 use crate::encoding::LightEncoding;
 use crate::features::{feature_tile, features_backward};
@@ -90,7 +90,7 @@ impl FastNetwork {
         Self { layout, grid, trunk, encoder, head, light }
     }
 
-    fn trunk_input(&self, context: Context<'_>, pixels: &[u32], out: &mut [f32]) {
+    fn trunk_input(&self, context: NetworkContext<'_>, pixels: &[u32], out: &mut [f32]) {
         self.grid.encode(&self.layout, context.params, pixels, out);
         context.scene.aux_tile(pixels, AUX, &mut out[self.grid.outputs() * LANES..]);
     }
@@ -181,10 +181,10 @@ impl Network for FastNetwork {
 
     fn train_chunk(
         &self,
-        context: Context<'_>,
+        context: NetworkContext<'_>,
         packed: &PackedFast,
         scratch: &mut FastScratch,
-        chunk: &Chunk<'_>,
+        chunk: &SampleChunk<'_>,
         gradients: &mut ChunkGradients<'_>,
     ) -> f64 {
         let isa = context.isa;
@@ -254,7 +254,13 @@ impl Network for FastNetwork {
         self.trunk.outputs() + SURFACE
     }
 
-    fn encode_pixels(&self, context: Context<'_>, packed: &PackedFast, pixels: &[u32], out: &mut [f32]) {
+    fn encode_pixels(
+        &self,
+        context: NetworkContext<'_>,
+        packed: &PackedFast,
+        pixels: &[u32],
+        out: &mut [f32],
+    ) {
         let mut scratch = self.trunk.scratch(1);
         self.trunk_input(context, pixels, scratch.input_mut(&self.trunk, 0));
         self.trunk.forward(context.isa, &packed.trunk, &mut scratch, 1);
@@ -272,7 +278,7 @@ impl Network for FastNetwork {
         }
     }
 
-    fn light(&self, context: Context<'_>, packed: &PackedFast, light: &LightParams) -> LitFast {
+    fn light(&self, context: NetworkContext<'_>, packed: &PackedFast, light: &LightParams) -> LitFast {
         let mut scratch = self.encoder.scratch(1);
         let input = scratch.input_mut(&self.encoder, 0);
         for (row, value) in input.chunks_exact_mut(LANES).zip(self.light.encode(light)) {
@@ -332,7 +338,7 @@ impl Network for FastNetwork {
 
     fn finish_light_gradient(
         &self,
-        context: Context<'_>,
+        context: NetworkContext<'_>,
         packed: &PackedFast,
         lit: &LitFast,
         gradient: &[f32],

@@ -19,16 +19,16 @@ pub(crate) const CHUNK_TILES: usize = 32;
 /// Samples of a chunk.
 pub(crate) const CHUNK: usize = CHUNK_TILES * LANES;
 
-/// Context that every call needs.
+/// Context of every call of a network.
 #[derive(Clone, Copy)]
-pub(crate) struct Context<'a> {
+pub(crate) struct NetworkContext<'a> {
     pub isa: Isa,
     pub scene: &'a SceneCache,
     pub params: &'a [f32],
 }
 
 /// The samples of a chunk. Tile `group * slots + slot` holds the 32 pixels of its group under one light.
-pub(crate) struct Chunk<'a> {
+pub(crate) struct SampleChunk<'a> {
     /// 32 pixels of each group.
     pub pixels: &'a [u32],
     /// Lights for which each group is seen.
@@ -74,21 +74,27 @@ pub(crate) trait Network: Sync {
     /// Forward and backward; returns the sum of the loss.
     fn train_chunk(
         &self,
-        context: Context<'_>,
+        context: NetworkContext<'_>,
         packed: &Self::Packed,
         scratch: &mut Self::TrainScratch,
-        chunk: &Chunk<'_>,
+        chunk: &SampleChunk<'_>,
         gradients: &mut ChunkGradients<'_>,
     ) -> f64;
 
     /// Rows of [`Network::encode_pixels`].
     fn pixel_rows(&self) -> usize;
     /// Encodes 32 pixels without knowing the light, into a tile of [`Network::pixel_rows`] rows.
-    fn encode_pixels(&self, context: Context<'_>, packed: &Self::Packed, pixels: &[u32], out: &mut [f32]);
+    fn encode_pixels(
+        &self,
+        context: NetworkContext<'_>,
+        packed: &Self::Packed,
+        pixels: &[u32],
+        out: &mut [f32],
+    );
 
     fn light_scratch(&self) -> Self::LightScratch;
     /// Computes what depends on the light alone.
-    fn light(&self, context: Context<'_>, packed: &Self::Packed, light: &LightParams) -> Self::Lit;
+    fn light(&self, context: NetworkContext<'_>, packed: &Self::Packed, light: &LightParams) -> Self::Lit;
     /// Outputs of one encoded tile, three rows.
     fn infer(
         &self,
@@ -117,7 +123,7 @@ pub(crate) trait Network: Sync {
     /// Turns the sum over all tiles into the gradient by the light's parameters.
     fn finish_light_gradient(
         &self,
-        context: Context<'_>,
+        context: NetworkContext<'_>,
         packed: &Self::Packed,
         lit: &Self::Lit,
         gradient: &[f32],

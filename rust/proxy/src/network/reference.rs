@@ -1,4 +1,4 @@
-use super::{CHUNK_TILES, Chunk, ChunkGradients, Context, Network};
+use super::{CHUNK_TILES, ChunkGradients, Network, NetworkContext, SampleChunk};
 use crate::encoding::{LightEncoding, MAX_LIGHT_INPUTS};
 use crate::grid::HashGrid;
 use crate::loss::{TILE, relative_l2};
@@ -101,10 +101,10 @@ impl Network for ReferenceNetwork {
 
     fn train_chunk(
         &self,
-        context: Context<'_>,
+        context: NetworkContext<'_>,
         packed: &PackedMlp,
         scratch: &mut ReferenceScratch,
-        chunk: &Chunk<'_>,
+        chunk: &SampleChunk<'_>,
         gradients: &mut ChunkGradients<'_>,
     ) -> f64 {
         let (isa, encoded_rows) = (context.isa, self.grid.outputs());
@@ -147,7 +147,13 @@ impl Network for ReferenceNetwork {
         self.grid.outputs() + AUX_PAPER
     }
 
-    fn encode_pixels(&self, context: Context<'_>, _packed: &PackedMlp, pixels: &[u32], out: &mut [f32]) {
+    fn encode_pixels(
+        &self,
+        context: NetworkContext<'_>,
+        _packed: &PackedMlp,
+        pixels: &[u32],
+        out: &mut [f32],
+    ) {
         self.grid.encode(&self.layout, context.params, pixels, out);
         context.scene.aux_tile(pixels, AUX_PAPER, &mut out[self.grid.outputs() * LANES..]);
     }
@@ -156,7 +162,7 @@ impl Network for ReferenceNetwork {
         ReferenceLightScratch { infer: InferScratch::new(&self.mlp), train: self.mlp.scratch(1) }
     }
 
-    fn light(&self, _context: Context<'_>, _packed: &PackedMlp, light: &LightParams) -> LitReference {
+    fn light(&self, _context: NetworkContext<'_>, _packed: &PackedMlp, light: &LightParams) -> LitReference {
         LitReference { light: *light, inputs: self.light.encode(light) }
     }
 
@@ -206,7 +212,7 @@ impl Network for ReferenceNetwork {
 
     fn finish_light_gradient(
         &self,
-        _context: Context<'_>,
+        _context: NetworkContext<'_>,
         _packed: &PackedMlp,
         lit: &LitReference,
         gradient: &[f32],

@@ -2,19 +2,19 @@ use std::ops::{Deref, DerefMut};
 
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
-struct Line([f32; 16]);
+struct CacheLine([f32; 16]);
 
 /// Zero-initialised values that start on a cache line, so that no vector straddles two.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AlignedVec {
-    lines: Vec<Line>,
+    lines: Vec<CacheLine>,
     len: usize,
 }
 
 impl AlignedVec {
     /// `len` zeros.
     pub fn zeros(len: usize) -> Self {
-        Self { lines: vec![Line::default(); len.div_ceil(16)], len }
+        Self { lines: vec![CacheLine::default(); len.div_ceil(16)], len }
     }
 }
 

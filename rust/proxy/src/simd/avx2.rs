@@ -2,51 +2,50 @@
 
 use std::arch::x86_64::*;
 
-type V = __m256;
 const WIDTH: usize = 8;
 const WIDE: usize = LANES / WIDTH;
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-unsafe fn load(from: *const f32) -> V {
+unsafe fn load(from: *const f32) -> __m256 {
     // SAFETY: the caller has checked that 8 values can be read.
     unsafe { _mm256_loadu_ps(from) }
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-unsafe fn store(to: *mut f32, value: V) {
+unsafe fn store(to: *mut f32, value: __m256) {
     // SAFETY: the caller has checked that 8 values can be written.
     unsafe { _mm256_storeu_ps(to, value) }
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn splat(x: f32) -> V {
+fn splat(x: f32) -> __m256 {
     _mm256_set1_ps(x)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn add(a: V, b: V) -> V {
+fn add(a: __m256, b: __m256) -> __m256 {
     _mm256_add_ps(a, b)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn fma(a: V, b: V, c: V) -> V {
+fn fma(a: __m256, b: __m256, c: __m256) -> __m256 {
     _mm256_fmadd_ps(a, b, c)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn relu(x: V) -> V {
+fn relu(x: __m256) -> __m256 {
     _mm256_max_ps(x, _mm256_setzero_ps())
 }
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn keep_positive(x: V, mask: V) -> V {
+fn keep_positive(x: __m256, mask: __m256) -> __m256 {
     _mm256_and_ps(x, _mm256_cmp_ps::<_CMP_GT_OQ>(mask, _mm256_setzero_ps()))
 }
 
@@ -79,4 +78,4 @@ pub(super) unsafe fn transpose_block(from: *const f32, from_stride: usize, to: *
     }
 }
 
-super::kernels::define_kernels!(#[target_feature(enable = "avx2,fma")]);
+super::kernels::define_kernels!(__m256, #[target_feature(enable = "avx2,fma")]);

@@ -1,8 +1,8 @@
-/// Writes the kernels of one instruction set. The module that calls it defines `V`, `WIDTH` (lanes of `V`), `WIDE`
-/// (vectors in a tile's row), `load`, `store`, `splat`, `add`, `fma`, `relu`, `keep_positive` and `transpose_block` (8 x 8),
-/// and hands in the attributes that its functions carry.
+/// Writes the kernels of one instruction set. The module that calls it defines `WIDTH` (lanes of a vector), `WIDE`
+/// (vectors in a tile's row), `load`, `store`, `splat`, `add`, `fma`, `relu`, `keep_positive` and `transpose_block` (8 x 8).
+/// It hands in the type of its vectors and the attributes that its functions carry.
 macro_rules! define_kernels {
-    ($(#[$attribute:meta])*) => {
+    ($vector:ty, $(#[$attribute:meta])*) => {
         use super::{DenseJob, LANES, PAD, ROWS};
 
         /// See [`super::dense`].
@@ -242,7 +242,7 @@ macro_rules! define_kernels {
         /// Sum of all lanes.
         #[inline]
         $(#[$attribute])*
-        fn total(x: V) -> f32 {
+        fn total(x: $vector) -> f32 {
             let mut lanes = [0.0f32; WIDTH];
             // SAFETY: `lanes` holds one vector.
             unsafe { store(lanes.as_mut_ptr(), x) };

@@ -14,7 +14,7 @@ Matrix3 = Sequence[Sequence[float]]
 Matrix4 = Sequence[Sequence[float]]
 
 class RelumeError(RuntimeError):
-    """What failed, and what to do."""
+    """Failure, with the next step."""
 
 class SceneBuilder:
     """Collects a scene; parts are referred to by the numbers that the add_ methods return."""
@@ -65,7 +65,7 @@ class SceneBuilder:
 
     @staticmethod
     def constant_emission(json: str) -> tuple[list[float] | None, int | None]:
-        """What such a graph emits as a lamp's, if it is the same everywhere; else the number of a node that varies."""
+        """Emission of such a graph as a lamp's, if it is the same everywhere; else the number of a node that varies."""
 
     def add_texture(
         self,
@@ -123,7 +123,7 @@ class World:
     def warnings(self) -> list[str]: ...
     @property
     def map(self) -> str:
-        """As `Scene.world_map`."""
+        """Map of the world, like `Scene.world_map`."""
 
     @property
     def color(self) -> list[float]:
@@ -154,7 +154,7 @@ class Scene:
         """Hash of all that decides the paths, as a bake's `manifest.json` carries it; lights and world do not count."""
 
     def difference(self, folder: str | os.PathLike[str], settings: str = "{}") -> str | None:
-        """What keeps the bake in a folder from being of this scene and these settings; samples do not count, nor
+        """Difference of the bake in a folder from this scene and these settings; samples do not count, nor
         another world where all samples of the settings are there: it is gathered."""
 
     def bake(self, folder: str | os.PathLike[str], settings: str = "{}", *, resume: bool = False) -> Job:
@@ -399,7 +399,7 @@ class Frame:
 
     @property
     def summary(self) -> str:
-        """What it shows; the JSON form of `relume_session::live::Shown`."""
+        """Description of the frame; the JSON form of `relume_session::live::Shown`."""
 
 class Job:
     """Running work; see `relume.Job`."""

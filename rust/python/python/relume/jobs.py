@@ -27,7 +27,7 @@ class Job:
 
     @property
     def done(self) -> bool:
-        """Whether the work has ended, well or not."""
+        """True once the work has ended, well or not."""
         return self._internal.done
 
     def cancel(self) -> None:
@@ -40,12 +40,12 @@ class Job:
         return json.loads(report) if report else None
 
     def preview(self) -> dict[str, Any] | None:
-        """What there is so far, if newer than at the last call: of `solve` "lights", a light set, and "world"."""
+        """Interim result, if newer than at the last call: of `solve` "lights", a light set, and "world"."""
         text = self._internal.preview()
         return json.loads(text) if text else None
 
     def warnings(self) -> list[str]:
-        """What could not be represented, in words for the user, since the last call."""
+        """Warnings for the user since the last call."""
         return self._internal.warnings()
 
     def result(self) -> Any:
@@ -127,7 +127,7 @@ def solve(
 
 
 def info(path: str | os.PathLike[str]) -> Any:
-    """What a bake folder, proxy, light set or scene file is."""
+    """Description of a bake folder, proxy, light set or scene file."""
     return start("info", path).result()
 
 

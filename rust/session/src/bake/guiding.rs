@@ -107,7 +107,7 @@ pub(crate) struct GuideCoverage {
     lights: Vec<Light>,
     points: Vec<Vec3>,
     guiding: f32,
-    /// Answers about the shapes that were asked for last, newest first.
+    /// Answers about recent shapes, newest first.
     known: Mutex<VecDeque<(LightShape, Option<UnderSampled>)>>,
 }
 

@@ -13,7 +13,7 @@ use crate::files::names::{CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, LOCK_FILE, VI
 use crate::progress::{Monitor, Stage};
 use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
 use relume_scene::{Light, Scene};
-use relume_trace::{Control, Outcome, TraceSettings, Tracer, guide_targets, manifest};
+use relume_trace::{Control, TraceOutcome, TraceSettings, Tracer, guide_targets, manifest};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -225,7 +225,7 @@ fn trace(
     // The tracer tells of what is there, too, as it goes over it: that takes no time.
     let there = paths_in(sink);
     let stage = monitor.stage(Stage::Trace, there, total);
-    let on_progress = |progress: relume_trace::Progress| {
+    let on_progress = |progress: relume_trace::TraceProgress| {
         stage.set(
             progress.paths.max(there),
             &format!("{} of {} shards", progress.shards, progress.shards_total),
@@ -236,8 +236,8 @@ fn trace(
     let control =
         Control { cancel, on_progress: Some(Box::new(on_progress)), lights: Some(Box::new(lights)) };
     match tracer.trace(sink, &control)? {
-        Outcome::Complete => Ok(()),
-        Outcome::Cancelled => Err(SessionError::Cancelled),
+        TraceOutcome::Complete => Ok(()),
+        TraceOutcome::Cancelled => Err(SessionError::Cancelled),
     }
 }
 

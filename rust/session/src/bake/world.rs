@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 const LAYER: &str = "world";
-/// A draw of the error of that layer; missing where it is not known.
+/// Draw of the error of that layer; missing if it is not known.
 const ERROR: &str = "error";
 /// Attribute of the file, JSON of [`WorldAbout`].
 const ABOUT: &str = "relume";

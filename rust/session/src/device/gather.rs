@@ -2,8 +2,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
 
 use relume_gather::{
-    Environment, Gather, GatherError, Goals, GpuGather, Linear, PreparedLight, SampleSplit, SoftCompared,
-    SoftGather,
+    Environment, Gather, GatherError, Goals, GpuGather, PreparedLight, SampleSplit, SoftCompared, SoftGather,
+    UnitValues,
 };
 use relume_gpu::compare::StepTargets;
 use relume_gpu::{Gpu, GpuError};
@@ -129,13 +129,13 @@ impl DeviceGather {
         cells: &[u32],
         compute: &Compute,
         monitor: &Monitor,
-    ) -> Result<Linear, SessionError> {
+    ) -> Result<UnitValues, SessionError> {
         let work = |on_gpu: &GpuGather| on_gpu.linearise(soft, light, softness, cells);
         let linear = self.if_it_gathers_pixels(compute, monitor, work)?;
         linear.map_or_else(|| Ok(soft.linearise(light, softness, cells)?), Ok)
     }
 
-    /// [`GpuGather::compare`] over layers times radiances; nothing where the CPU has to do it.
+    /// [`GpuGather::compare`] over layers times radiances; none if the CPU has to do it.
     pub fn compare(
         &self,
         soft: &SoftGather,

@@ -41,7 +41,7 @@ impl Drop for FolderLock {
     }
 }
 
-/// Who bakes into a folder, if another process does, and what to do, in words for the user.
+/// Message about another process that bakes into a folder.
 pub fn folder_in_use(folder: &Path) -> Option<String> {
     let file = open(&folder.join(LOCK_FILE), false).ok()?;
     match file.try_lock() {

@@ -61,14 +61,14 @@ fn faults_of_paths(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
 const ALTERED: &str = "it is not as Relume wrote it";
 
 /// Refuses a file that cannot be read.
-type Check<'a> = dyn Fn(&Path) -> Result<(), String> + 'a;
+type FileCheck<'a> = dyn Fn(&Path) -> Result<(), String> + 'a;
 
 /// Faults of the small files beside the paths.
 fn faults_of_files(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let whole = |result: Result<(), SessionError>| result.map_err(reason_of);
     let world = || manifest.map_or(Ok(()), |manifest| WorldLayer::of_bake(folder, manifest).map(drop));
     let view = |path: &Path| ViewTransform::read_lut(path).map(drop).map_err(|error| error.to_string());
-    let files: [(&str, &Check); 8] = [
+    let files: [(&str, &FileCheck); 8] = [
         (CONTENTS_FILE, &|_| contents::fault(folder).map_or(Ok(()), Err)),
         (LIGHTS_FILE, &|path| whole(LightSet::read(path).map(drop))),
         (GUIDED_FILE, &|_| whole(GuidingRecord::of_bake(folder).map(drop))),
@@ -81,7 +81,7 @@ fn faults_of_files(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     files.iter().filter_map(|(name, check)| fault_of_file(&folder.join(name), check)).collect()
 }
 
-fn fault_of_file(path: &Path, check: &Check) -> Option<String> {
+fn fault_of_file(path: &Path, check: &FileCheck) -> Option<String> {
     if !path.exists() {
         return None;
     }

@@ -8,7 +8,7 @@ use crate::error::SessionError;
 use crate::relight::frame::{FrameImages, WeightedImage, downsampled, weighted_sum};
 use crate::relight::gathered::Gathered;
 use crate::relight::source::UnitSource;
-use crate::relight::units::{SharedImage, Units};
+use crate::relight::units::{SharedImage, UnitCache};
 use relume_gather::DenoiseQuality;
 use relume_image::{Image, metrics};
 use std::collections::BTreeMap;
@@ -38,7 +38,7 @@ impl<'a> FrameLayers<'a> {
     pub fn new(
         request: &LiveRequest,
         view: &'a BakeView,
-        (units, world): (&'a Units, Option<&'a WorldUnit>),
+        (units, world): (&'a UnitCache, Option<&'a WorldUnit>),
         terms: &[LightTerm],
         stand_ins: &'a [Option<SharedImage>],
         quality: FrameQuality,
@@ -128,7 +128,7 @@ fn least_quality(view: &BakeView, quality: FrameQuality) -> DenoiseQuality {
 /// [`super::shared::Shown::noise`] of an RGBA picture of the full size.
 pub(super) fn noise(
     request: &LiveRequest,
-    (units, world): (&Units, Option<&WorldUnit>),
+    (units, world): (&UnitCache, Option<&WorldUnit>),
     terms: &[LightTerm],
     stand_ins: &[Option<SharedImage>],
     picture: &Image,

@@ -37,7 +37,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
-use work_thread::Work;
+use work_thread::LiveTask;
 pub use world::OtherWorld;
 
 /// Devices of a live shot.
@@ -86,7 +86,7 @@ impl Live {
         train_seconds: f64,
         anew: bool,
     ) -> Result<(), SessionError> {
-        self.start(Work::Bake { scene, settings, anew }, train_seconds)
+        self.start(LiveTask::Bake { scene, settings, anew }, train_seconds)
     }
 
     /// Shows what the folder holds, and trains if asked and not trained yet.
@@ -94,7 +94,7 @@ impl Live {
     /// # Errors
     /// Fails like [`Live::bake`].
     pub fn open(&self, train_seconds: f64) -> Result<(), SessionError> {
-        self.start(Work::Open, train_seconds)
+        self.start(LiveTask::Open, train_seconds)
     }
 
     /// Trains a proxy for so many seconds for each kind of light in use without one ([`LiveStatus::unlearned`]), on the
@@ -103,7 +103,7 @@ impl Live {
     /// # Errors
     /// Fails like [`Live::bake`].
     pub fn learn(&self, train_seconds: f64) -> Result<(), SessionError> {
-        self.start(Work::Learn, train_seconds)
+        self.start(LiveTask::Learn, train_seconds)
     }
 
     /// Asks for a picture; the newest request wins. Returns the number that its frames carry.
@@ -162,7 +162,7 @@ impl Live {
         }
     }
 
-    fn start(&self, work: Work, train_seconds: f64) -> Result<(), SessionError> {
+    fn start(&self, work: LiveTask, train_seconds: f64) -> Result<(), SessionError> {
         let mut threads = self.threads();
         if !self.shared.begin_work(work.first_state()) {
             let reason = "this shot is being baked or trained already, or is closed; cancel it first";

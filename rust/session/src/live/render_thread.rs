@@ -12,7 +12,7 @@ use crate::device::threads::beside_window;
 use crate::error::SessionError;
 use crate::progress::{Cancel, Listener, Monitor, Progress};
 use crate::relight::source::Method;
-use crate::relight::units::{SharedImage, Units};
+use crate::relight::units::{SharedImage, UnitCache};
 use relume_gather::SampleSplit;
 use relume_image::Image;
 use relume_scene::Light;
@@ -37,7 +37,7 @@ pub(super) struct RenderThread {
     compute: Compute,
     monitor: Monitor,
     view: Option<BakeView>,
-    units: Units,
+    units: UnitCache,
     /// World that is shown in place of the paths' own.
     world: Option<WorldUnit>,
     /// Bake folder that stores the light of such a world.
@@ -66,7 +66,7 @@ impl RenderThread {
     pub fn new(shared: Arc<Shared>, options: LiveOptions) -> Self {
         let monitor = Monitor::new(Arc::new(StatusListener(shared.clone())), Cancel::default());
         let compute = Compute::default();
-        let (units, rendered) = (Units::default(), (0, 0));
+        let (units, rendered) = (UnitCache::default(), (0, 0));
         Self {
             shared,
             options,
@@ -175,7 +175,7 @@ impl RenderThread {
         let new_proxies = delivered.proxies.is_some();
         self.view = BakeView::new(delivered, &self.compute, before);
         if known != self.view.as_ref().map(|view| view.bake.clone()) {
-            self.units = Units::default();
+            self.units = UnitCache::default();
             self.first_frame = true;
         } else if new_proxies {
             self.units.clear_proxies();

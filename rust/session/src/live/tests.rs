@@ -12,7 +12,7 @@ use crate::progress::Monitor;
 use crate::relight::frame::with_alpha;
 use crate::relight::relighter::{RelightOptions, Relighter};
 use crate::relight::source::{Method, UnitSource};
-use crate::relight::units::Units;
+use crate::relight::units::UnitCache;
 use crate::test_room;
 use glam::Vec3;
 use relume_dump::Dump;
@@ -95,7 +95,7 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     shared.change(|state| state.dump = Some(dump));
     let compute = Compute::default();
     let view = BakeView::new(Delivered::take(&mut shared.lock()), &compute, None).unwrap();
-    let mut units = Units::default();
+    let mut units = UnitCache::default();
     let mut rounds = 0;
     let gather = |pass: &DeviceGather, lights: &[Light]| {
         pass.device_images(lights, SampleSplit::All, &compute, &Monitor::default())
@@ -411,7 +411,7 @@ fn mistakes_are_told_in_words() {
         (r#"{"lights": [], "lamps": 1}"#.into(), "lamps"),
         (r#"{"lights": [], "world": [1, 1]}"#.into(), "length"),
         (r#"{"lights": [], "aov": "mist"}"#.into(), "mist"),
-        ("[".into(), "EOF"),
+        ("{".into(), "EOF"),
     ] {
         let message = LiveRequest::parse(&json).unwrap_err();
         assert!(message.contains(word), "{message}");

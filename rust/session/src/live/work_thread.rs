@@ -14,8 +14,9 @@ use crate::files::light_set::LightSet;
 use crate::files::names::GUIDED_FILE;
 use crate::files::proxies::Proxies;
 use crate::progress::{Cancel, Monitor};
+use crate::train::settings::{Clock, TrainSettings};
 use crate::train::sizes::sizes_with;
-use crate::train::{Clock, TrainSettings, train};
+use crate::train::train;
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
 use relume_scene::{Light, Scene};
@@ -28,7 +29,7 @@ use std::sync::Arc;
 const SAMPLES_TO_TRAIN: u32 = 64;
 
 /// First task of the work thread; training follows.
-pub(super) enum Work {
+pub(super) enum LiveTask {
     /// Bakes a scene. `anew` also replaces a whole bake that is not guided towards the present lights.
     Bake { scene: Arc<Scene>, settings: TraceSettings, anew: bool },
     /// Opens the bake that the folder holds.
@@ -37,7 +38,7 @@ pub(super) enum Work {
     Learn,
 }
 
-impl Work {
+impl LiveTask {
     /// The state that it begins in.
     pub fn first_state(&self) -> LiveState {
         match self {
@@ -49,7 +50,7 @@ impl Work {
 
 /// One run of the work thread.
 pub(super) struct WorkRun {
-    pub work: Work,
+    pub work: LiveTask,
     pub train_seconds: f64,
     pub folder: PathBuf,
     pub options: LiveOptions,
@@ -80,17 +81,17 @@ impl WorkRun {
         let gate = Gate { shared: self.shared.clone(), cancel: self.cancel.clone() };
         let monitor = Monitor::new(Arc::new(gate), self.cancel.clone());
         match &self.work {
-            Work::Bake { scene, settings, anew } => {
+            LiveTask::Bake { scene, settings, anew } => {
                 if *anew && self.should_retrace(scene, settings)? {
                     clear_paths(&self.folder)?;
                 }
                 self.bake(scene, settings, &monitor)
             }
-            Work::Open => {
+            LiveTask::Open => {
                 let complete = self.open()?;
                 if complete { self.learn(&monitor) } else { Ok(()) }
             }
-            Work::Learn => self.learn(&monitor),
+            LiveTask::Learn => self.learn(&monitor),
         }
     }
 
@@ -325,7 +326,7 @@ impl WorkRun {
         train(&self.folder, &self.folder, &settings, false, compute, monitor).map(drop)
     }
 
-    /// The lights that are asked for, and those that the scene came with.
+    /// Lights of the newest request and of the scene.
     fn lights_in_use(&self) -> Result<Vec<Light>, SessionError> {
         let mut lights: Vec<Light> = LightSet::of_bake(&self.folder)?.lights;
         if let Some(request) = &self.shared.lock().request {

@@ -18,7 +18,7 @@ use crate::relight::notes::LightNotes;
 use crate::relight::relit::{Relit, RelitLight};
 use crate::relight::source::{Method, UnitSource, camera_only};
 use crate::relight::statics::StaticLayer;
-use crate::relight::units::{GROUP, Units};
+use crate::relight::units::{GROUP, UnitCache, UnitImages};
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{Environment, Gather, SampleSplit};
 use relume_image::{Image, ViewTransform};
@@ -54,7 +54,7 @@ pub struct Relighter {
     proxies: DeviceProxies,
     denoise: Denoise,
     compute: Compute,
-    units: Mutex<Units>,
+    units: Mutex<UnitCache>,
     /// Static light and world.
     statics: Mutex<[StaticLayer; 2]>,
     /// The world that is shown; none without a dump.
@@ -160,7 +160,7 @@ impl Relighter {
         self.gather.as_ref().map(DeviceGather::gather)
     }
 
-    /// The dump where it is gathered from.
+    /// Dump on the device that gathers from it.
     pub(crate) fn device_gather(&self) -> Option<&DeviceGather> {
         self.gather.as_ref()
     }
@@ -346,7 +346,7 @@ impl Relighter {
         for (i, view) in proxied.into_iter().zip(views) {
             let mut image = self.proxies.unit_image(&lights[i], &self.compute, monitor)?;
             view.iter().for_each(|view| image.add_scaled(view, &[1.0; 3]));
-            self.units().of(&lights[i]).keep_proxy(image.clone());
+            self.cache(&lights[i], |unit| unit.keep_proxy(image.clone()));
             images[i] = Some(image);
             stage.advance(1, &lights[i].name);
         }
@@ -387,10 +387,15 @@ impl Relighter {
             if denoise.is_some() {
                 gathered.drop_noisy();
             }
-            self.units().of(light).gathered = gathered;
+            self.cache(light, |unit| unit.gathered = gathered);
         }
-        self.units().trim(lights);
         Ok(images)
+    }
+
+    fn cache(&self, light: &Light, change: impl FnOnce(&mut UnitImages)) {
+        let mut units = self.units();
+        change(units.of(light));
+        units.trim(std::slice::from_ref(light));
     }
 
     /// Direct camera views of lights, which proxies do not learn. None for lights that the camera does not see, or
@@ -437,7 +442,7 @@ impl Relighter {
         })
     }
 
-    fn units(&self) -> MutexGuard<'_, Units> {
+    fn units(&self) -> MutexGuard<'_, UnitCache> {
         self.units.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -451,7 +456,7 @@ impl Relighter {
         self.proxies.attempt(kind, &self.compute, monitor, work)
     }
 
-    /// Unit images by the dump; none without one.
+    /// Unit images by the dump, without the cache; none without a dump.
     pub(crate) fn gather_images(
         &self,
         lights: &[Light],

@@ -22,7 +22,7 @@ pub(crate) type SharedImage = Arc<DeviceImage>;
 
 /// Unit images of one light.
 #[derive(Default)]
-pub(crate) struct Unit {
+pub(crate) struct UnitImages {
     pub gathered: Gathered,
     /// Proxy's answer.
     proxy: Option<SharedImage>,
@@ -32,16 +32,16 @@ pub(crate) struct Unit {
 
 /// Cached unit images of all lights that were asked for lately.
 #[derive(Default)]
-pub(crate) struct Units(LightCache<Unit>);
+pub(crate) struct UnitCache(LightCache<UnitImages>);
 
-impl Units {
+impl UnitCache {
     /// Unit of a light, made empty if it is new.
-    pub fn of(&mut self, light: &Light) -> &mut Unit {
-        self.0.get_or_insert(light, Unit::default)
+    pub fn of(&mut self, light: &Light) -> &mut UnitImages {
+        self.0.get_or_insert(light, UnitImages::default)
     }
 
     /// Unit of a light that was asked for before.
-    pub fn get(&self, light: &Light) -> Option<&Unit> {
+    pub fn get(&self, light: &Light) -> Option<&UnitImages> {
         self.0.get(light)
     }
 
@@ -99,11 +99,11 @@ impl Units {
 
     /// Forgets the units used longest ago beyond the limits of memory, but none of `needed`.
     pub fn trim(&mut self, needed: &[Light]) {
-        self.0.trim(needed, LIMIT, Unit::bytes);
-        let Some(gpu) = self.0.values().find_map(Unit::gpu) else { return };
-        let on_gpu: usize = self.0.values().map(Unit::bytes_on_gpu).sum();
+        self.0.trim(needed, LIMIT, UnitImages::bytes);
+        let Some(gpu) = self.0.values().find_map(UnitImages::gpu) else { return };
+        let on_gpu: usize = self.0.values().map(UnitImages::bytes_on_gpu).sum();
         let free = gpu.free_memory() as f64 + on_gpu as f64;
-        self.0.trim(needed, (GPU_SHARE * free) as usize, Unit::bytes_on_gpu);
+        self.0.trim(needed, (GPU_SHARE * free) as usize, UnitImages::bytes_on_gpu);
     }
 
     /// Moves everything on the GPU to the CPU, and forgets units that cannot be read. True if there was something.
@@ -114,7 +114,7 @@ impl Units {
     }
 }
 
-impl Unit {
+impl UnitImages {
     /// Keeps a proxy's answer, to which the light's direct view was added.
     pub fn keep_proxy(&mut self, image: Image) {
         self.proxy = Some(Arc::new(DeviceImage::Cpu(image)));
@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn a_proxy_is_asked_once_for_each_size_and_not_for_half_of_what_is_known() {
         let light = Light::unit(LightShape::Sphere { center: glam::Vec3::ZERO, radius: 1.0 });
-        let mut units = Units::default();
+        let mut units = UnitCache::default();
         let mut asked = Vec::new();
         for half in [true, true, false, true, false] {
             let evaluate = |half: bool| {

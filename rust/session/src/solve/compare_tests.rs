@@ -4,8 +4,8 @@ use glam::Vec3;
 use relume_gpu::{Gpu, GpuChoice};
 use relume_image::Image;
 use relume_optimise::{
-    Bounds, Compare, Compared, Criterion, Goal, Locks, Problem, Relight, RelightError, Settings, Step,
-    TermTarget, Variable, View, solve,
+    Bounds, Compare, Criterion, Goal, Locks, LossGradient, Problem, Relight, RelightError, Settings,
+    SolverStep, TermTarget, Variable, View, solve,
 };
 use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy};
 use relume_scene::{LANES, Light};
@@ -84,7 +84,7 @@ impl Compare for CheckedCompare<'_> {
         still: &[[f32; 3]],
         softness: f32,
         targets: &[TermTarget],
-    ) -> Result<Option<Compared>, RelightError> {
+    ) -> Result<Option<LossGradient>, RelightError> {
         let before = self.checked.gpu.bytes_read();
         let found = self.device.gradient(lights, still, softness, targets)?.ok_or("the GPU gave up")?;
         // As many for few cells as for many.
@@ -122,8 +122,8 @@ impl CheckedCompare<'_> {
         still: &[[f32; 3]],
         softness: f32,
         targets: &[TermTarget],
-    ) -> Result<Compared, RelightError> {
-        let mut sums = Compared {
+    ) -> Result<LossGradient, RelightError> {
+        let mut sums = LossGradient {
             loss: 0.0,
             lights: vec![([0.0; LANES], [0.0; 3]); lights.len()],
             still: vec![[0.0; 3]; still.len()],
@@ -221,7 +221,7 @@ fn check(checked: &Checked, lights: &[Light], softness: [f32; 2]) {
         let problem = Problem { views: vec![view], variables: variables.clone() };
         let settings = Settings { iterations: 2, pixel_fraction: 0.5, softness, ..Settings::default() };
         let before = checked.checks.load(Ordering::Relaxed);
-        let steps = |_: Step| ControlFlow::Continue(());
+        let steps = |_: SolverStep| ControlFlow::Continue(());
         solve(&problem, std::slice::from_ref(&start), &settings, &steps).unwrap();
         // The start, and each step and its end.
         assert_eq!(checked.checks.load(Ordering::Relaxed), before + 5, "{:?}", goals[0].criterion);

@@ -3,7 +3,7 @@
 use relume_dump::Aovs;
 use relume_gather::{DenoiseQuality, Gather, SampleSplit, SoftGather, relight};
 use relume_image::Image;
-use relume_optimise::{Compare, Compared, Goal, Linear, Picture, Relight, RelightError, TermTarget};
+use relume_optimise::{Compare, Goal, Linear, LossGradient, PictureCells, Relight, RelightError, TermTarget};
 use relume_scene::{LANES, Light};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -155,7 +155,7 @@ pub(super) struct GatherRelight<'a> {
     units: Mutex<LightCache<HalfUnits>>,
 }
 
-/// A dump, smoothed where it is.
+/// Dump on its device, and smoothed.
 struct SoftDump<'a>(&'a DeviceGather, SoftGather<'a>);
 
 impl<'a> SoftDump<'a> {
@@ -249,7 +249,7 @@ impl<'a> GatherRelight<'a> {
         light: &Light,
         softness: f32,
         cells: &[u32],
-    ) -> Result<relume_gather::Linear, SessionError> {
+    ) -> Result<relume_gather::UnitValues, SessionError> {
         self.go_on()?;
         let SoftDump(gather, soft) = self.soft(softness);
         gather.linearise(soft, (light, softness), cells, self.relighter.compute(), self.monitor)
@@ -301,7 +301,7 @@ impl Relight for GatherRelight<'_> {
     }
 
     /// Gathered from either half of the paths, which is then denoised.
-    fn picture(&self, lights: &[&Light]) -> Result<Picture, RelightError> {
+    fn picture(&self, lights: &[&Light]) -> Result<PictureCells, RelightError> {
         let units = self.kept_half_units(lights)?;
         let half = |half: usize| {
             let pairs: Vec<_> =
@@ -311,7 +311,7 @@ impl Relight for GatherRelight<'_> {
         };
         let (a, b) = (half(0), half(1));
         let exact = [&a, &b].map(|half| self.prepared.cells(half));
-        Ok(Picture { exact, clean: [self.prepared.clean_cells(a)?, self.prepared.clean_cells(b)?] })
+        Ok(PictureCells { exact, clean: [self.prepared.clean_cells(a)?, self.prepared.clean_cells(b)?] })
     }
 
     fn linearise(&self, light: &Light, softness: f32, cells: &[u32]) -> Result<Option<Linear>, RelightError> {
@@ -344,7 +344,7 @@ impl Compare for GatherCompare<'_> {
         still: &[[f32; 3]],
         softness: f32,
         targets: &[TermTarget],
-    ) -> Result<Option<Compared>, RelightError> {
+    ) -> Result<Option<LossGradient>, RelightError> {
         // Exact pictures are denoised.
         if softness == 0.0 {
             return Ok(None);
@@ -354,7 +354,7 @@ impl Compare for GatherCompare<'_> {
         let SoftDump(gather, soft) = self.relight.soft(softness);
         let goals = (&self.layers, still, &step_targets(targets));
         let compared = gather.compare(soft, (lights, softness), goals, relighter.compute(), monitor)?;
-        Ok(compared.map(|of| Compared { loss: of.loss, lights: of.lights, still: of.layers }))
+        Ok(compared.map(|of| LossGradient { loss: of.loss, lights: of.lights, still: of.layers }))
     }
 }
 

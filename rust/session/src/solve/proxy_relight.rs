@@ -3,7 +3,7 @@
 use glam::Vec3;
 use relume_gpu::GpuError;
 use relume_gpu::compare::Layers;
-use relume_optimise::{Compare, Compared, Relight, RelightError, TermTarget};
+use relume_optimise::{Compare, LossGradient, Relight, RelightError, TermTarget};
 use relume_proxy::{GpuProxy, LightKind, LightParams, Proxy, compare};
 use relume_scene::{LANES, Light, lane};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::files::proxies::Proxies;
 pub struct ProxyRelight<'a> {
     /// Trained proxies.
     pub proxies: &'a Proxies,
-    /// The kinds of the lights that move, each with its proxy on the GPU where it is there.
+    /// Kinds of the moving lights, each with its proxy on the GPU if there is one.
     pub kinds: Vec<(LightKind, Option<&'a GpuProxy>)>,
     /// Width and height of the picture.
     pub size: (usize, usize),
@@ -100,13 +100,13 @@ impl Compare for ProxyCompare<'_> {
         still: &[[f32; 3]],
         _: f32,
         targets: &[TermTarget],
-    ) -> Result<Option<Compared>, RelightError> {
+    ) -> Result<Option<LossGradient>, RelightError> {
         let params = |light: &&Light| Ok((ProxyRelight::params(light)?, light.radiance));
         let lights = lights.iter().map(params).collect::<Result<Vec<_>, RelightError>>()?;
         let compared = compare(&self.proxies, &self.layers, still, &lights, &step_targets(targets))?;
         let by_light = lights.iter().zip(compared.lights);
         let by_light = by_light.map(|((params, _), g)| (by_lane(params, &g.params), g.radiance));
-        Ok(Some(Compared { loss: compared.loss, lights: by_light.collect(), still: compared.layers }))
+        Ok(Some(LossGradient { loss: compared.loss, lights: by_light.collect(), still: compared.layers }))
     }
 }
 

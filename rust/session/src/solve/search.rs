@@ -1,6 +1,6 @@
 use relume_optimise::{
-    Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, Step, idle_lights, is_uncertain,
-    polish, random_starts, regroupings, relocations, solve,
+    Polished, Problem, RandomStarts, Relight, RunnerUp, Settings, Solution, SolverStep, idle_lights,
+    is_uncertain, polish, random_starts, regroupings, relocations, solve,
 };
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::Light;
@@ -202,7 +202,7 @@ impl Search<'_> {
         let stage = self.monitor.stage(Stage::Optimise, 0, iterations as u64);
         let furthest = AtomicU64::new(0);
         let best = Mutex::new(f64::INFINITY);
-        let on_step = |step: Step| {
+        let on_step = |step: SolverStep| {
             let done = step.iteration as u64 + 1;
             if furthest.fetch_max(done, Ordering::Relaxed) < done {
                 let starts =

@@ -13,7 +13,8 @@ use crate::error::SessionError;
 use crate::files::light_set::LightSet;
 use crate::progress::Monitor;
 
-/// Differences of a part of the picture from which they are told: a fiftieth, what may change on average, and as little warmth.
+/// Least differences of a part of the picture that are reported: a fiftieth, what may change on average, and as little
+/// warmth.
 const TOLD_STOPS: f32 = 0.03;
 const TOLD_MIREDS: f32 = 5.0;
 
@@ -274,15 +275,15 @@ fn text(kind: GoalKind, number: usize, report: &Report) -> String {
     format!("Goal {}, {what}", number + 1)
 }
 
-/// Two words for what is told of a value: that it is missing, or that there is too much of it.
-type Sides = [&'static str; 2];
+/// Words for too little and too much of a value.
+type SideWords = [&'static str; 2];
 
 /// Largest difference of a picture from its goal, such as "; most at the top left: 0.30 stops darker, 40 mireds
 /// warmer". Empty if nobody would see it. The sides are words for light, warmth and green.
-fn largest_difference(begin: &str, worst: Option<Worst>, [light, warmth, green]: [Sides; 3]) -> String {
+fn largest_difference(begin: &str, worst: Option<Worst>, [light, warmth, green]: [SideWords; 3]) -> String {
     let Some(worst) = worst else { return String::new() };
-    let side = |off: f32, [missing, too_much]: Sides| if off > 0.0 { missing } else { too_much };
-    let stops = |off: f32, sides: Sides| {
+    let side = |off: f32, [missing, too_much]: SideWords| if off > 0.0 { missing } else { too_much };
+    let stops = |off: f32, sides: SideWords| {
         (off.abs() > TOLD_STOPS).then(|| format!("{:.2} stops {}", off.abs(), side(off, sides)))
     };
     let mireds = (worst.mireds.abs() > TOLD_MIREDS)

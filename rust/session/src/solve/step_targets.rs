@@ -1,6 +1,6 @@
 //! Goals in the form that a GPU compares pictures with.
 
-use relume_gpu::compare::{Residual, StepTargets, Term};
+use relume_gpu::compare::{GpuTerm, Residual, StepTargets};
 use relume_optimise::{Criterion, TermTarget};
 
 /// Targets of a step.
@@ -16,7 +16,7 @@ pub(super) fn step_targets(targets: &[TermTarget]) -> StepTargets {
 }
 
 /// A goal whose cells start at this one.
-fn term(target: &TermTarget, first: usize) -> Term {
+fn term(target: &TermTarget, first: usize) -> GpuTerm {
     let (residual, amount) = match *target.criterion {
         Criterion::Target { .. } => (Residual::Tone, 0.0),
         Criterion::Brightness { stops } => (Residual::Brightness, stops),
@@ -24,7 +24,7 @@ fn term(target: &TermTarget, first: usize) -> Term {
         Criterion::Temperature { mireds } => (Residual::Warmth, mireds),
         Criterion::Keep => (Residual::Stops, 0.0),
     };
-    Term {
+    GpuTerm {
         mean_reference: target.reference_of_mean.unwrap_or_default(),
         residual,
         amount,

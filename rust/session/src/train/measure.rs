@@ -54,8 +54,11 @@ pub(crate) fn measure(
     monitor: &Monitor,
 ) -> Result<Measured, SessionError> {
     let compared = held_out.of_split(halves.0);
-    let comparison =
-        Comparison { proxies: std::slice::from_ref(proxy), reference: held_out, compared: Some(&compared) };
+    let comparison = PictureComparison {
+        proxies: std::slice::from_ref(proxy),
+        reference: held_out,
+        compared: Some(&compared),
+    };
     let found = comparison.run((count, LIGHTS_MEASURED_AT_ONCE), seed, None, monitor)?;
     Ok(Measured {
         lights: found.lights,
@@ -122,7 +125,7 @@ fn evaluate_on(
     let compared = compared.map(|bake| Measurable::new(bake, compute)).transpose()?;
     let (reference, compared) =
         (reference.targets(bounds), compared.as_ref().map(|bake| bake.targets(bounds)));
-    let comparison = Comparison { proxies, reference: &reference, compared: compared.as_ref() };
+    let comparison = PictureComparison { proxies, reference: &reference, compared: compared.as_ref() };
     comparison.run((lights.0, LIGHTS_A_PASS), lights.1, pictures, monitor)
 }
 
@@ -167,14 +170,14 @@ fn check_size(proxy: &Proxy, bake: &Relighter) -> Result<(), SessionError> {
 }
 
 /// Pictures that are compared.
-struct Comparison<'a> {
+struct PictureComparison<'a> {
     /// Proxies of one kind and range.
     proxies: &'a [Proxy],
     reference: &'a DumpTargets<'a>,
     compared: Option<&'a DumpTargets<'a>>,
 }
 
-impl Comparison<'_> {
+impl PictureComparison<'_> {
     fn run(
         &self,
         (count, at_once): (usize, usize),
@@ -183,7 +186,7 @@ impl Comparison<'_> {
         monitor: &Monitor,
     ) -> Result<Evaluation, SessionError> {
         let stage = monitor.stage(Stage::Measure, 0, count as u64);
-        let mut sums = Sums::default();
+        let mut sums = QualitySums::default();
         let numbers: Vec<u64> = (0..count as u64).collect();
         for some in numbers.chunks(at_once) {
             if monitor.cancelled() {
@@ -210,7 +213,7 @@ impl Comparison<'_> {
         lights: &[LightParams],
         number: usize,
         pictures: Option<&Path>,
-        sums: &mut Sums,
+        sums: &mut QualitySums,
     ) -> Result<(), SessionError> {
         let shapes: Vec<_> = lights.iter().map(LightParams::shape).collect();
         let noisy = self.reference.images(&shapes, false)?;
@@ -251,12 +254,12 @@ fn denoised(source: &DumpTargets, images: &[Image]) -> Result<Vec<Image>, Sessio
 
 /// The errors of each kind of picture, light by light.
 #[derive(Default)]
-struct Sums {
+struct QualitySums {
     lists: Vec<Vec<Quality>>,
     lights: usize,
 }
 
-impl Sums {
+impl QualitySums {
     fn add(&mut self, rows: &[Vec<Image>], references: &[Image]) {
         self.lists.resize(rows.len(), Vec::new());
         self.lights += references.len();

@@ -1,6 +1,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_gather::{DenoiseQuality, Gather, GatherError, GpuGather, PreparedLight, SampleSplit, Scratch};
+use relume_gather::{
+    DenoiseQuality, Gather, GatherError, GatherScratch, GpuGather, PreparedLight, SampleSplit,
+};
 use relume_gpu::{Buffer, Gpu, GpuError};
 use relume_image::Image;
 use relume_proxy::{DeviceTargets, GroupQueries, PixelQueries, ProxyError, Rng, TargetSource};
@@ -101,7 +103,7 @@ impl<'a> DumpTargets<'a> {
         let mut values = vec![[0.0; 3]; queries.pixels.len() * count];
         let groups = values.par_chunks_mut(group * count).zip(queries.pixels.par_chunks(group));
         groups.zip(lights.par_chunks(count)).for_each_init(
-            Scratch::default,
+            GatherScratch::default,
             |scratch, ((values, pixels), lights)| {
                 for (pixel, values) in pixels.iter().zip(values.chunks_exact_mut(count)) {
                     let (x, y) = self.place(*pixel);
@@ -138,7 +140,7 @@ impl TargetSource for DumpTargets<'_> {
         let count = queries.lights_per_pixel;
         let pixels = queries.pixels.par_iter().zip(queries.lights.par_chunks_exact(count));
         pixels.zip(out.par_chunks_exact_mut(count)).try_for_each_init(
-            || (Scratch::default(), Vec::with_capacity(count)),
+            || (GatherScratch::default(), Vec::with_capacity(count)),
             |(scratch, lights), ((pixel, shapes), values)| {
                 lights.clear();
                 for shape in shapes {

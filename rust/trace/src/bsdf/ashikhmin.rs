@@ -4,19 +4,19 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::Vec3;
 
-use super::frame::Frame;
+use super::frame::ShadingFrame;
 
 /// An anisotropic Phong lobe.
 #[derive(Clone, Copy, Debug)]
 pub struct AshikhminShirley {
-    frame: Frame,
+    frame: ShadingFrame,
     alpha_x: f32,
     alpha_y: f32,
 }
 
 impl AshikhminShirley {
     /// A lobe with the given widths, 0..1.
-    pub fn new(frame: Frame, alpha_x: f32, alpha_y: f32) -> Self {
+    pub fn new(frame: ShadingFrame, alpha_x: f32, alpha_y: f32) -> Self {
         Self { frame, alpha_x: alpha_x.clamp(1e-4, 1.0), alpha_y: alpha_y.clamp(1e-4, 1.0) }
     }
 

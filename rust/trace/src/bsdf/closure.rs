@@ -2,7 +2,7 @@ use glam::Vec3;
 use relume_dump::Lobe;
 
 use super::frame::{cosine_pdf, sample_cosine};
-use super::normal::{Reach, Sides, bump_shadowing};
+use super::normal::{SampleReach, SideNormals, bump_shadowing};
 use super::{AshikhminShirley, Interface, Microfacet, OrenNayar, Sheen};
 
 /// One way in which a surface scatters, and how much of it there is.
@@ -52,7 +52,7 @@ pub struct ClosureSample {
     /// Class of the direction.
     pub lobe: Lobe,
     /// Reach of the direction.
-    pub reach: Reach,
+    pub reach: SampleReach,
 }
 
 /// Density of a closure's directions.
@@ -95,7 +95,7 @@ impl Closure {
     }
 
     /// Chooses a direction; nothing if it is on the wrong side of the surface.
-    pub fn sample(&self, sides: Sides, wo: Vec3, u: [f32; 3]) -> Option<ClosureSample> {
+    pub fn sample(&self, sides: SideNormals, wo: Vec3, u: [f32; 3]) -> Option<ClosureSample> {
         let (wi, lobe, singular) = match &self.scatter {
             Scatter::Microfacet(model) => return model.sample(wo, sides, u),
             Scatter::Transparent => {
@@ -105,7 +105,7 @@ impl Closure {
                     pdf: 1.0,
                     singular: true,
                     lobe: Lobe::Transmission,
-                    reach: Reach::Path,
+                    reach: SampleReach::Path,
                 });
             }
             Scatter::Diffuse | Scatter::OrenNayar(_) => {
@@ -120,7 +120,7 @@ impl Closure {
         let reach = sides.reach(wi, lobe == Lobe::Transmission)?;
         if singular {
             let mirrored = ClosureSample { wi, value: Vec3::ONE, pdf: 1.0, singular, lobe, reach };
-            return (reach == Reach::Path).then_some(mirrored);
+            return (reach == SampleReach::Path).then_some(mirrored);
         }
         let (value, pdf) = self.eval(sides.shading, wo, wi);
         (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe, reach })

@@ -12,7 +12,7 @@ use super::frame::sample_disk;
 
 /// Shape of the distribution of slopes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
+pub enum SlopeDistribution {
     /// Trowbridge-Reitz.
     Ggx,
     /// Gaussian slopes.
@@ -21,16 +21,16 @@ pub enum Shape {
 
 /// A distribution of microfacet normals.
 #[derive(Clone, Copy, Debug)]
-pub struct Distribution {
+pub struct MicrofacetDistribution {
     /// Shape of the distribution.
-    pub shape: Shape,
+    pub shape: SlopeDistribution,
     /// Width along x, 0..1.
     pub alpha_x: f32,
     /// Width along y, 0..1.
     pub alpha_y: f32,
 }
 
-impl Distribution {
+impl MicrofacetDistribution {
     /// Products of widths up to this are taken for a perfect mirror (Cycles' `BSDF_ROUGHNESS_SQ_THRESH`).
     const SINGULAR_ALPHA_SQUARED: f32 = 5e-7;
 
@@ -44,8 +44,8 @@ impl Distribution {
         let stretched = Vec3::new(h.x / self.alpha_x, h.y / self.alpha_y, h.z);
         let alpha_squared = self.alpha_x * self.alpha_y;
         match self.shape {
-            Shape::Ggx => FRAC_1_PI / (alpha_squared * stretched.length_squared().powi(2)),
-            Shape::Beckmann => {
+            SlopeDistribution::Ggx => FRAC_1_PI / (alpha_squared * stretched.length_squared().powi(2)),
+            SlopeDistribution::Beckmann => {
                 let cos_squared = h.z * h.z;
                 let tan_squared = (stretched.x * stretched.x + stretched.y * stretched.y) / cos_squared;
                 (-tan_squared).exp() / (PI * alpha_squared * cos_squared * cos_squared)
@@ -59,10 +59,10 @@ impl Distribution {
         let y = self.alpha_y * v.y;
         let tan_squared = (x * x + y * y) / (v.z * v.z);
         match self.shape {
-            Shape::Ggx => 0.5 * ((1.0 + tan_squared).sqrt() - 1.0),
+            SlopeDistribution::Ggx => 0.5 * ((1.0 + tan_squared).sqrt() - 1.0),
             // Below, a > 4 and the function is less than 1e-8.
-            Shape::Beckmann if tan_squared < 0.0625 => 0.0,
-            Shape::Beckmann => {
+            SlopeDistribution::Beckmann if tan_squared < 0.0625 => 0.0,
+            SlopeDistribution::Beckmann => {
                 let a = 1.0 / tan_squared.sqrt();
                 0.5 * (erf(a) - 1.0 + (-a * a).exp() / (a * PI.sqrt()))
             }
@@ -73,8 +73,8 @@ impl Distribution {
     pub fn sample_visible(&self, wo: Vec3, u: [f32; 2]) -> Vec3 {
         let stretched = Vec3::new(self.alpha_x * wo.x, self.alpha_y * wo.y, wo.z).normalize_or(Vec3::Z);
         let h = match self.shape {
-            Shape::Ggx => sample_ggx_hemisphere(stretched, u),
-            Shape::Beckmann => sample_beckmann_slopes(stretched, u),
+            SlopeDistribution::Ggx => sample_ggx_hemisphere(stretched, u),
+            SlopeDistribution::Beckmann => sample_beckmann_slopes(stretched, u),
         };
         Vec3::new(self.alpha_x * h.x, self.alpha_y * h.y, h.z.max(0.0)).normalize_or(Vec3::Z)
     }
@@ -188,8 +188,8 @@ mod tests {
 
     #[test]
     fn projected_density_integrates_to_one() {
-        for shape in [Shape::Ggx, Shape::Beckmann] {
-            let distribution = Distribution { shape, alpha_x: 0.5, alpha_y: 0.3 };
+        for shape in [SlopeDistribution::Ggx, SlopeDistribution::Beckmann] {
+            let distribution = MicrofacetDistribution { shape, alpha_x: 0.5, alpha_y: 0.3 };
             let (rows, columns) = (4000, 200);
             let mut sum = 0.0f64;
             for row in 0..rows {

@@ -9,34 +9,36 @@ use std::sync::LazyLock;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::distribution::{Distribution, Shape};
+use super::distribution::{MicrofacetDistribution, SlopeDistribution};
 use super::fresnel;
 
 /// Albedo of white single-scattering reflection: roughness x cosine.
-static REFLECTION: LazyLock<Table<2>> =
-    LazyLock::new(|| Table::new([32, 32], |[rough, mu]| reflection_albedo(rough, mu, 1024)));
+static REFLECTION: LazyLock<EnergyTable<2>> =
+    LazyLock::new(|| EnergyTable::new([32, 32], |[rough, mu]| reflection_albedo(rough, mu, 1024)));
 /// [`REFLECTION`] averaged over all directions: roughness.
-static REFLECTION_MEAN: LazyLock<Table<1>> =
-    LazyLock::new(|| Table::new([32], |[rough]| mean_over_cosines(|mu| reflection_albedo(rough, mu, 64))));
+static REFLECTION_MEAN: LazyLock<EnergyTable<1>> = LazyLock::new(|| {
+    EnergyTable::new([32], |[rough]| mean_over_cosines(|mu| reflection_albedo(rough, mu, 64)))
+});
 /// Albedo of white glass entered from outside: roughness x cosine x index.
-static GLASS: LazyLock<Table<3>> = LazyLock::new(|| glass_table(|ior| ior));
+static GLASS: LazyLock<EnergyTable<3>> = LazyLock::new(|| glass_table(|ior| ior));
 /// Albedo of white glass met from inside: roughness x cosine x index.
-static GLASS_INSIDE: LazyLock<Table<3>> = LazyLock::new(|| glass_table(|ior| 1.0 / ior));
+static GLASS_INSIDE: LazyLock<EnergyTable<3>> = LazyLock::new(|| glass_table(|ior| 1.0 / ior));
 /// [`GLASS`] averaged over all directions: roughness x index.
-static GLASS_MEAN: LazyLock<Table<2>> = LazyLock::new(|| glass_mean_table(|ior| ior));
+static GLASS_MEAN: LazyLock<EnergyTable<2>> = LazyLock::new(|| glass_mean_table(|ior| ior));
 /// [`GLASS_INSIDE`] averaged over all directions: roughness x index.
-static GLASS_INSIDE_MEAN: LazyLock<Table<2>> = LazyLock::new(|| glass_mean_table(|ior| 1.0 / ior));
+static GLASS_INSIDE_MEAN: LazyLock<EnergyTable<2>> = LazyLock::new(|| glass_mean_table(|ior| 1.0 / ior));
 /// Place of the reflectance of a rough dielectric between its values at 0 and 90 degrees: roughness x cosine x index.
-static DIELECTRIC_RISE: LazyLock<Table<3>> = LazyLock::new(|| {
-    Table::new([16, 16, 16], |[rough, mu, z]| {
+static DIELECTRIC_RISE: LazyLock<EnergyTable<3>> = LazyLock::new(|| {
+    EnergyTable::new([16, 16, 16], |[rough, mu, z]| {
         let ior = ior_at(z);
         let f0 = fresnel::f0_from_ior(ior);
         mean_rise(rough, mu, |cos| ((fresnel::dielectric(cos, ior).0 - f0) / (1.0 - f0)).clamp(0.0, 1.0))
     })
 });
 /// Compensation table for Schlick's curve: roughness x cosine.
-static SCHLICK_RISE: LazyLock<Table<2>> =
-    LazyLock::new(|| Table::new([16, 16], |[rough, mu]| mean_rise(rough, mu, |cos| (1.0 - cos).powi(5))));
+static SCHLICK_RISE: LazyLock<EnergyTable<2>> = LazyLock::new(|| {
+    EnergyTable::new([16, 16], |[rough, mu]| mean_rise(rough, mu, |cos| (1.0 - cos).powi(5)))
+});
 
 /// Compensation for the energy that single scattering loses.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,12 +96,12 @@ fn ior_at(z: f32) -> f32 {
 
 /// A function of `D` numbers in 0..1, linear between evenly spaced samples; the first axis varies fastest.
 #[derive(Debug)]
-struct Table<const D: usize> {
+struct EnergyTable<const D: usize> {
     size: [usize; D],
     values: Vec<f32>,
 }
 
-impl<const D: usize> Table<D> {
+impl<const D: usize> EnergyTable<D> {
     fn new(size: [usize; D], f: impl Fn([f32; D]) -> f32 + Sync) -> Self {
         let values = (0..size.iter().product::<usize>())
             .into_par_iter()
@@ -149,9 +151,14 @@ impl<const D: usize> Table<D> {
 
 /// Means of `f` over the visible normals of an isotropic GGX surface; `f` gets the surface, the direction of view
 /// and the normal.
-fn mean_over_normals(rough: f32, mu: f32, samples: u32, f: impl Fn(&Distribution, Vec3, Vec3) -> f32) -> f32 {
+fn mean_over_normals(
+    rough: f32,
+    mu: f32,
+    samples: u32,
+    f: impl Fn(&MicrofacetDistribution, Vec3, Vec3) -> f32,
+) -> f32 {
     let alpha = rough * rough;
-    let surface = Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha };
+    let surface = MicrofacetDistribution { shape: SlopeDistribution::Ggx, alpha_x: alpha, alpha_y: alpha };
     let wo = Vec3::new((1.0 - mu * mu).max(0.0).sqrt(), 0.0, mu);
     let sum: f32 = (0..samples)
         .map(|i| {
@@ -164,7 +171,7 @@ fn mean_over_normals(rough: f32, mu: f32, samples: u32, f: impl Fn(&Distribution
 }
 
 /// Part of the light from `wo` that leaves the surface towards `wi` unshadowed, given that it met a facet there.
-fn unshadowed(surface: &Distribution, wo: Vec3, wi: Vec3) -> f32 {
+fn unshadowed(surface: &MicrofacetDistribution, wo: Vec3, wi: Vec3) -> f32 {
     let seen = 1.0 + surface.lambda(wo);
     seen / (seen + surface.lambda(wi))
 }
@@ -209,12 +216,12 @@ fn mean_over_cosines(f: impl Fn(f32) -> f32) -> f32 {
     (0..STEPS).map(|i| (i as f32 + 0.5) / STEPS as f32).map(|mu| 2.0 * mu * f(mu)).sum::<f32>() / STEPS as f32
 }
 
-fn glass_table(relative: impl Fn(f32) -> f32 + Sync) -> Table<3> {
-    Table::new([16, 16, 16], |[rough, mu, z]| glass_albedo(rough, mu, relative(ior_at(z)), 256))
+fn glass_table(relative: impl Fn(f32) -> f32 + Sync) -> EnergyTable<3> {
+    EnergyTable::new([16, 16, 16], |[rough, mu, z]| glass_albedo(rough, mu, relative(ior_at(z)), 256))
 }
 
-fn glass_mean_table(relative: impl Fn(f32) -> f32 + Sync) -> Table<2> {
-    Table::new([16, 16], |[rough, z]| {
+fn glass_mean_table(relative: impl Fn(f32) -> f32 + Sync) -> EnergyTable<2> {
+    EnergyTable::new([16, 16], |[rough, z]| {
         mean_over_cosines(|mu| glass_albedo(rough, mu, relative(ior_at(z)), 32))
     })
 }
@@ -225,7 +232,7 @@ mod tests {
 
     #[test]
     fn tables_interpolate_linear_functions_exactly() {
-        let table = Table::new([5, 4, 3], |[x, y, z]| 0.1 + 0.2 * x + 0.3 * y + 0.4 * z);
+        let table = EnergyTable::new([5, 4, 3], |[x, y, z]| 0.1 + 0.2 * x + 0.3 * y + 0.4 * z);
         for [x, y, z] in [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [0.3, 0.77, 0.5], [0.01, 0.99, 0.2]] {
             let expected = 0.1 + 0.2 * x + 0.3 * y + 0.4 * z;
             assert!((table.at([x, y, z]) - expected).abs() < 1e-4);

@@ -6,13 +6,13 @@ use glam::Vec3;
 
 /// Right-handed orthonormal basis whose z is a surface normal.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct ShadingFrame {
     x: Vec3,
     y: Vec3,
     z: Vec3,
 }
 
-impl Frame {
+impl ShadingFrame {
     /// Any frame about the unit `normal`.
     pub fn from_normal(normal: Vec3) -> Self {
         let (x, y) = normal.any_orthonormal_pair();
@@ -49,7 +49,7 @@ pub fn sample_disk(u: [f32; 2]) -> (f32, f32) {
 /// A direction about `normal` with density [`cosine_pdf`].
 pub fn sample_cosine(normal: Vec3, u: [f32; 2]) -> Vec3 {
     let (x, y) = sample_disk(u);
-    Frame::from_normal(normal).world(Vec3::new(x, y, (1.0 - u[0]).max(0.0).sqrt()))
+    ShadingFrame::from_normal(normal).world(Vec3::new(x, y, (1.0 - u[0]).max(0.0).sqrt()))
 }
 
 /// Density of [`sample_cosine`] for a direction at `cos` to the normal.

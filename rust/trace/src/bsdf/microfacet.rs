@@ -8,11 +8,11 @@ use glam::Vec3;
 use relume_dump::Lobe;
 
 use super::closure::ClosureSample;
-use super::distribution::Distribution;
+use super::distribution::MicrofacetDistribution;
 use super::energy;
-use super::frame::Frame;
+use super::frame::ShadingFrame;
 use super::fresnel::{self, F82};
-use super::normal::{Reach, Sides};
+use super::normal::{SampleReach, SideNormals};
 
 /// Side that light can leave to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,7 +49,7 @@ pub enum Fresnel {
 #[derive(Clone, Copy, Debug)]
 pub struct Microfacet {
     /// Statistics of the facets.
-    pub distribution: Distribution,
+    pub distribution: MicrofacetDistribution,
     /// Side that light leaves to.
     pub interface: Interface,
     /// Index of refraction beyond the surface over that on the side of `wo`.
@@ -57,7 +57,7 @@ pub struct Microfacet {
     /// Share of light that is reflected.
     pub fresnel: Fresnel,
     /// Tangents and normal.
-    pub frame: Frame,
+    pub frame: ShadingFrame,
     /// Factor that makes up for single scattering, see [`energy::Compensation`].
     pub energy_scale: f32,
 }
@@ -178,7 +178,7 @@ impl Microfacet {
     }
 
     /// Chooses a direction; see [`ClosureSample`].
-    pub fn sample(&self, wo_world: Vec3, sides: Sides, u: [f32; 3]) -> Option<ClosureSample> {
+    pub fn sample(&self, wo_world: Vec3, sides: SideNormals, u: [f32; 3]) -> Option<ClosureSample> {
         let wo = self.frame.local(wo_world);
         if wo.z <= 0.0 {
             return None;
@@ -211,7 +211,7 @@ impl Microfacet {
         if is_smooth || (is_transmission && self.is_unbending()) {
             let value = part * self.energy_scale;
             let single = ClosureSample { wi: wi_world, value, pdf: probability, singular: true, lobe, reach };
-            return (reach == Reach::Path).then_some(single);
+            return (reach == SampleReach::Path).then_some(single);
         }
         let jacobian = if is_transmission {
             let cos_i = -h.dot(wi);

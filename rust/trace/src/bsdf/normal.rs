@@ -4,7 +4,7 @@ use glam::Vec3;
 
 /// The normals that tell one side of a surface from the other, on the side of the ray that met it.
 #[derive(Clone, Copy, Debug)]
-pub struct Sides {
+pub struct SideNormals {
     /// The triangle's.
     pub geometric: Vec3,
     /// The interpolated one, before any bump.
@@ -13,7 +13,7 @@ pub struct Sides {
 
 /// Contribution of what comes along a sampled direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reach {
+pub enum SampleReach {
     /// The path goes on.
     Path,
     /// The direction is between the true and the shading surface: the path ends with it, but lights along it count. As
@@ -21,13 +21,13 @@ pub enum Reach {
     Lights,
 }
 
-impl Sides {
+impl SideNormals {
     /// Reach of a direction that was chosen as reflection or as `transmission`; nothing if it is on the wrong side.
-    pub fn reach(&self, wi: Vec3, transmission: bool) -> Option<Reach> {
+    pub fn reach(&self, wi: Vec3, transmission: bool) -> Option<SampleReach> {
         if (self.geometric.dot(wi) < 0.0) == transmission {
-            Some(Reach::Path)
+            Some(SampleReach::Path)
         } else {
-            ((self.shading.dot(wi) < 0.0) == transmission).then_some(Reach::Lights)
+            ((self.shading.dot(wi) < 0.0) == transmission).then_some(SampleReach::Lights)
         }
     }
 }
@@ -111,12 +111,12 @@ mod tests {
 
     #[test]
     fn between_the_true_and_the_shading_surface_only_lights_count() {
-        let sides = Sides { geometric: Vec3::Z, shading: Vec3::new(0.6, 0.0, 0.8) };
+        let sides = SideNormals { geometric: Vec3::Z, shading: Vec3::new(0.6, 0.0, 0.8) };
         for (wi, reflected, transmitted) in [
-            (Vec3::Z, Some(Reach::Path), None),
-            (Vec3::NEG_Z, None, Some(Reach::Path)),
-            (Vec3::new(0.99, 0.0, -0.1), Some(Reach::Lights), Some(Reach::Path)),
-            (Vec3::new(-0.99, 0.0, 0.1), Some(Reach::Path), Some(Reach::Lights)),
+            (Vec3::Z, Some(SampleReach::Path), None),
+            (Vec3::NEG_Z, None, Some(SampleReach::Path)),
+            (Vec3::new(0.99, 0.0, -0.1), Some(SampleReach::Lights), Some(SampleReach::Path)),
+            (Vec3::new(-0.99, 0.0, 0.1), Some(SampleReach::Path), Some(SampleReach::Lights)),
         ] {
             assert_eq!(sides.reach(wi, false), reflected, "{wi} reflected");
             assert_eq!(sides.reach(wi, true), transmitted, "{wi} transmitted");

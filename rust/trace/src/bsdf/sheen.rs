@@ -6,12 +6,12 @@ use std::f32::consts::{FRAC_1_PI, TAU};
 
 use glam::Vec3;
 
-use super::frame::{Frame, sample_disk};
+use super::frame::{ShadingFrame, sample_disk};
 
 /// A linearly transformed cosine about the direction of view.
 #[derive(Clone, Copy, Debug)]
 pub struct Sheen {
-    frame: Frame,
+    frame: ShadingFrame,
     a: f32,
     b: f32,
 }
@@ -35,7 +35,7 @@ impl Sheen {
             y * (0.000_654_023 + (-0.020_781_8 + 0.119_681 * y) * y) / (1.26264 + y * (-1.92021 + y));
         let distance = (x - middle) / width;
         let albedo = (-0.5 * distance * distance).exp() / (width * TAU.sqrt()) + offset;
-        Some((Self { frame: Frame::from_tangent(normal, wo), a, b }, albedo.clamp(0.0, 1.0)))
+        Some((Self { frame: ShadingFrame::from_tangent(normal, wo), a, b }, albedo.clamp(0.0, 1.0)))
     }
 
     /// Density over solid angle, which is also `f |cos|` for albedo 1.

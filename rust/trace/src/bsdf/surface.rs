@@ -4,7 +4,7 @@ use relume_scene::MOST_RADIANCE;
 
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
-use super::{Interface, Reach, Sides};
+use super::{Interface, SampleReach, SideNormals};
 use crate::{guide::Horizon, shading::SurfacePoint};
 
 /// Most closures that one point keeps; further ones are dropped.
@@ -35,7 +35,7 @@ pub struct BsdfSample {
     /// True if the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
     pub transparent: bool,
     /// True if `wi` is between the true and the shading surface: the ray then only lights the surface, see
-    /// [`Reach::Lights`].
+    /// [`SampleReach::Lights`].
     pub lights_only: bool,
 }
 
@@ -80,7 +80,7 @@ impl Caustics {
 pub struct Surface {
     closures: Vec<Closure>,
     wo: Vec3,
-    sides: Sides,
+    sides: SideNormals,
     emission: Vec3,
     transparency: Vec3,
     caustics: Caustics,
@@ -94,7 +94,7 @@ impl Default for Surface {
         Self {
             closures: Vec::with_capacity(MAX_CLOSURES),
             wo: Vec3::Z,
-            sides: Sides { geometric: Vec3::Z, shading: Vec3::Z },
+            sides: SideNormals { geometric: Vec3::Z, shading: Vec3::Z },
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
             caustics: Caustics::ALL,
@@ -114,7 +114,7 @@ impl Surface {
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
         self.wo = point.wo;
-        self.sides = Sides { geometric: point.geometric_normal, shading: point.shading_normal };
+        self.sides = SideNormals { geometric: point.geometric_normal, shading: point.shading_normal };
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
     }
@@ -258,7 +258,7 @@ impl Surface {
             diffuse: closure.is_diffuse(),
             singular: choice.singular,
             transparent: matches!(closure.scatter, Scatter::Transparent),
-            lights_only: choice.reach == Reach::Lights,
+            lights_only: choice.reach == SampleReach::Lights,
         })
     }
 
@@ -302,7 +302,7 @@ impl Surface {
             diffuse: closure.is_diffuse(),
             singular: false,
             transparent: false,
-            lights_only: reach == Reach::Lights,
+            lights_only: reach == SampleReach::Lights,
         })
     }
 

@@ -45,13 +45,19 @@ fn facing(wo: Vec3) -> Surface {
     surface
 }
 
-fn microfacet(shape: Shape, interface: Interface, alpha: (f32, f32), ior: f32, fresnel: Fresnel) -> Scatter {
+fn microfacet(
+    shape: SlopeDistribution,
+    interface: Interface,
+    alpha: (f32, f32),
+    ior: f32,
+    fresnel: Fresnel,
+) -> Scatter {
     Scatter::Microfacet(Microfacet {
-        distribution: Distribution { shape, alpha_x: alpha.0, alpha_y: alpha.1 },
+        distribution: MicrofacetDistribution { shape, alpha_x: alpha.0, alpha_y: alpha.1 },
         interface,
         ior,
         fresnel,
-        frame: Frame::from_tangent(Vec3::Z, Vec3::new(0.8, 0.6, 0.0)),
+        frame: ShadingFrame::from_tangent(Vec3::Z, Vec3::new(0.8, 0.6, 0.0)),
         energy_scale: 1.0,
     })
 }
@@ -61,7 +67,7 @@ type Build = fn(Vec3) -> Scatter;
 /// One of each model that has a density, by name.
 fn models() -> Vec<(&'static str, Build)> {
     use Interface::{Glass, Reflection, Refraction};
-    use Shape::{Beckmann, Ggx};
+    use SlopeDistribution::{Beckmann, Ggx};
     vec![
         ("diffuse", |_| Scatter::Diffuse),
         ("oren-nayar", |wo| Scatter::OrenNayar(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, wo))),
@@ -69,11 +75,11 @@ fn models() -> Vec<(&'static str, Build)> {
         ("sheen smooth", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.3, wo).unwrap().0)),
         ("sheen rough", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.9, wo).unwrap().0)),
         ("ashikhmin", |_| {
-            let frame = Frame::from_tangent(Vec3::Z, Vec3::X);
+            let frame = ShadingFrame::from_tangent(Vec3::Z, Vec3::X);
             Scatter::AshikhminShirley(AshikhminShirley::new(frame, 0.3, 0.3))
         }),
         ("ashikhmin anisotropic", |_| {
-            let frame = Frame::from_tangent(Vec3::Z, Vec3::X);
+            let frame = ShadingFrame::from_tangent(Vec3::Z, Vec3::X);
             Scatter::AshikhminShirley(AshikhminShirley::new(frame, 0.5, 0.2))
         }),
         ("ggx", |_| microfacet(Ggx, Reflection, (0.3, 0.3), 1.0, Fresnel::None)),
@@ -211,7 +217,7 @@ fn defensive_sampling_changes_choices_and_not_the_mean() {
     let mixture = || {
         let mut surface = facing(views()[1]);
         let (gloss, albedo) =
-            (microfacet(Shape::Ggx, Interface::Reflection, (0.2, 0.2), 1.0, Fresnel::None), 0.02);
+            (microfacet(SlopeDistribution::Ggx, Interface::Reflection, (0.2, 0.2), 1.0, Fresnel::None), 0.02);
         surface.add(Vec3::splat(albedo), Vec3::ONE, Vec3::Z, gloss);
         surface.add(Vec3::splat(0.8), Vec3::ONE, Vec3::Z, Scatter::Diffuse);
         surface
@@ -286,7 +292,7 @@ fn compensated_metal_returns_all() {
             let alpha = roughness * roughness;
             let compensation = Compensation::reflection(roughness, wo.z, Vec3::ONE);
             let Scatter::Microfacet(mut model) =
-                microfacet(Shape::Ggx, Interface::Reflection, (alpha, alpha), 1.0, Fresnel::None)
+                microfacet(SlopeDistribution::Ggx, Interface::Reflection, (alpha, alpha), 1.0, Fresnel::None)
             else {
                 unreachable!()
             };
@@ -306,9 +312,13 @@ fn compensated_glass_returns_all() {
             for wo in views() {
                 let alpha = roughness * roughness;
                 let compensation = Compensation::glass(roughness, wo.z, ior, Vec3::ONE);
-                let Scatter::Microfacet(mut model) =
-                    microfacet(Shape::Ggx, Interface::Glass, (alpha, alpha), ior, Fresnel::Dielectric)
-                else {
+                let Scatter::Microfacet(mut model) = microfacet(
+                    SlopeDistribution::Ggx,
+                    Interface::Glass,
+                    (alpha, alpha),
+                    ior,
+                    Fresnel::Dielectric,
+                ) else {
                     unreachable!()
                 };
                 model.energy_scale = compensation.scale;
@@ -349,7 +359,8 @@ fn refraction_is_reciprocal_up_to_the_squared_index() {
     let value = |ior: f32, from: Vec3, to: Vec3| {
         let flip = if from.z < 0.0 { Vec3::new(1.0, 1.0, -1.0) } else { Vec3::ONE };
         let (from, to) = (from * flip, to * flip);
-        let glass = microfacet(Shape::Ggx, Interface::Glass, (0.5, 0.5), ior, Fresnel::Dielectric);
+        let glass =
+            microfacet(SlopeDistribution::Ggx, Interface::Glass, (0.5, 0.5), ior, Fresnel::Dielectric);
         let mut surface = facing(from);
         surface.add(Vec3::ONE, Vec3::ONE, Vec3::Z, glass);
         surface.eval(to).0.x / to.z.abs()
@@ -363,7 +374,7 @@ fn refraction_is_reciprocal_up_to_the_squared_index() {
 fn mirrors_and_clear_glass_are_singular() {
     let wo = views()[1];
     let mut surface = facing(wo);
-    let mirror = microfacet(Shape::Ggx, Interface::Reflection, (0.0, 0.0), 1.0, Fresnel::None);
+    let mirror = microfacet(SlopeDistribution::Ggx, Interface::Reflection, (0.0, 0.0), 1.0, Fresnel::None);
     surface.add(Vec3::new(0.9, 0.5, 0.1), Vec3::ONE, Vec3::Z, mirror);
     let sample = surface.sample([0.2, 0.3, 0.4]).expect("a mirror reflects");
     assert!(sample.singular && surface.is_specular());

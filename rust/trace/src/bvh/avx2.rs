@@ -5,8 +5,10 @@ use std::{arch::x86_64::*, mem::MaybeUninit};
 
 use super::{
     Ray,
-    traverse::{BlockHits, EDGE_SLACK, EXIT_SLACK, Found, Kernel, LocalRay, MAX_EDGE_SLACK, traverse},
-    tree::{Block, Lanes, Node, Tree, WIDTH},
+    traverse::{
+        BlockHits, EDGE_SLACK, EXIT_SLACK, LocalRay, MAX_EDGE_SLACK, NearestHit, TraversalKernel, traverse,
+    },
+    tree::{BvhLanes, BvhNode, Tree, TriangleBlock, WIDTH},
 };
 
 /// [`traverse`] compiled for AVX2.
@@ -17,13 +19,13 @@ pub(super) fn traverse_avx2<const ANY: bool>(
     stack: &mut [MaybeUninit<u64>],
     accept: impl Fn(u32, u32) -> bool,
     enter_placement: impl Fn(u32) -> bool,
-) -> Option<Found> {
-    traverse::<Avx2, ANY>(tree, ray, stack, accept, enter_placement)
+) -> Option<NearestHit> {
+    traverse::<Avx2Ray, ANY>(tree, ray, stack, accept, enter_placement)
 }
 
 /// A ray with each coordinate in all lanes. Only made within [`traverse_avx2`].
 #[derive(Clone, Copy)]
-struct Avx2 {
+struct Avx2Ray {
     origin: [__m256; 3],
     direction: [__m256; 3],
     inverse: [__m256; 3],
@@ -32,14 +34,14 @@ struct Avx2 {
 type V3 = [__m256; 3];
 
 #[inline(always)]
-fn load(lanes: &Lanes) -> __m256 {
-    // SAFETY: `Lanes` is 32 bytes, aligned to 32; the caller runs with AVX2.
+fn load(lanes: &BvhLanes) -> __m256 {
+    // SAFETY: `BvhLanes` is 32 bytes, aligned to 32; the caller runs with AVX2.
     unsafe { _mm256_load_ps(lanes.0.as_ptr()) }
 }
 
 #[inline(always)]
-fn store(value: __m256) -> Lanes {
-    let mut lanes = Lanes([0.0; WIDTH]);
+fn store(value: __m256) -> BvhLanes {
+    let mut lanes = BvhLanes([0.0; WIDTH]);
     // SAFETY: as for `load`.
     unsafe { _mm256_store_ps(lanes.0.as_mut_ptr(), value) };
     lanes
@@ -69,14 +71,14 @@ fn dot(a: V3, b: V3) -> __m256 {
     unsafe { _mm256_fmadd_ps(a[0], b[0], _mm256_fmadd_ps(a[1], b[1], _mm256_mul_ps(a[2], b[2]))) }
 }
 
-impl Kernel for Avx2 {
+impl TraversalKernel for Avx2Ray {
     #[inline(always)]
     fn new(ray: &LocalRay) -> Self {
         Self { origin: splat(ray.origin), direction: splat(ray.direction), inverse: splat(ray.inverse) }
     }
 
     #[inline(always)]
-    fn enter(&self, ray: &LocalRay, node: &Node, t_min: f32, t_max: f32) -> (u32, Lanes) {
+    fn enter(&self, ray: &LocalRay, node: &BvhNode, t_min: f32, t_max: f32) -> (u32, BvhLanes) {
         // SAFETY: the caller runs with AVX2; plane indices are below 6 by construction of `LocalRay`.
         unsafe {
             let distance = |plane: usize, axis: usize| {
@@ -98,8 +100,8 @@ impl Kernel for Avx2 {
     }
 
     #[inline(always)]
-    fn hit(&self, block: &Block, t_min: f32, t_max: f32) -> BlockHits {
-        let vector = |lanes: &[Lanes; 3]| [load(&lanes[0]), load(&lanes[1]), load(&lanes[2])];
+    fn hit(&self, block: &TriangleBlock, t_min: f32, t_max: f32) -> BlockHits {
+        let vector = |lanes: &[BvhLanes; 3]| [load(&lanes[0]), load(&lanes[1]), load(&lanes[2])];
         let (edge_1, edge_2) = (vector(&block.edge_1), vector(&block.edge_2));
         let corner = vector(&block.corner);
         // SAFETY: the caller runs with AVX2 and FMA.

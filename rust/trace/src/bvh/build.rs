@@ -14,7 +14,7 @@ use super::{
     BvhError,
     collapse::{Primitives, collapse},
     storage::Storage,
-    tree::{Child, Growing, INDEX_LIMIT, Placement, Tree},
+    tree::{Child, Growing, INDEX_LIMIT, MeshPlacement, Tree},
 };
 
 /// Share of the nodes that obvhs tries to reinsert at better places. Twenty times as many cost twenty times the time and
@@ -120,7 +120,7 @@ impl PrimitiveList {
         // The transform of the ray rounds, so that the box has to be a little larger.
         let slack = world.min.abs().max(world.max.abs()) * (4.0 * f32::EPSILON);
         let world = Aabb { min: world.min - slack, max: world.max + slack };
-        tree.placements.push(Placement { object_from_world, root, instance: index as u32 });
+        tree.placements.push(MeshPlacement { object_from_world, root, instance: index as u32 });
         self.placements.push((world, Child::placement(tree.placements.len() - 1)));
     }
 

@@ -8,7 +8,7 @@
 use glam::Vec3;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 
-use super::tree::{Block, Child, Growing, Node, WIDTH};
+use super::tree::{BvhNode, Child, Growing, TriangleBlock, WIDTH};
 
 /// Cost of testing a node's eight boxes.
 const NODE_COST: f32 = 1.0;
@@ -46,9 +46,9 @@ pub(super) fn collapse(
     }
     binary.reorder_in_stack_traversal_order();
     let cuts = plan(binary, primitives);
-    let mut emitter = Emitter { binary, primitives, cuts: &cuts, tree, deepest: 0 };
-    let root = emitter.emit_root();
-    Some((root, emitter.deepest * (WIDTH - 1) + 1))
+    let mut writer = TreeWriter { binary, primitives, cuts: &cuts, tree, deepest: 0 };
+    let root = writer.write_root();
+    Some((root, writer.deepest * (WIDTH - 1) + 1))
 }
 
 /// Bottom-up: children come after their parents in the array.
@@ -103,7 +103,7 @@ fn leaf_primitive(binary: &Bvh2, node: &Bvh2Node) -> u32 {
     binary.primitive_indices[node.first_index as usize]
 }
 
-struct Emitter<'a, P> {
+struct TreeWriter<'a, P> {
     binary: &'a Bvh2,
     primitives: &'a P,
     cuts: &'a [Cut],
@@ -111,23 +111,23 @@ struct Emitter<'a, P> {
     deepest: usize,
 }
 
-impl<P: Primitives> Emitter<'_, P> {
-    fn emit_root(&mut self) -> Child {
+impl<P: Primitives> TreeWriter<'_, P> {
+    fn write_root(&mut self) -> Child {
         let index = self.tree.nodes.len();
-        self.tree.nodes.push(Node::empty());
+        self.tree.nodes.push(BvhNode::empty());
         if self.cuts[0].is_leaf {
-            let child = self.emit_leaf(0);
+            let child = self.write_leaf(0);
             self.fill(index, 0, 0, child);
             self.deepest = 1;
         } else {
-            self.emit_node(index, 0, 1);
+            self.write_node(index, 0, 1);
         }
         Child::node(index)
     }
 
     /// Fills the node `index` with the forest of eight trees below `source`. Nodes that are siblings lie side
     /// by side.
-    fn emit_node(&mut self, index: usize, source: usize, depth: usize) {
+    fn write_node(&mut self, index: usize, source: usize, depth: usize) {
         self.deepest = self.deepest.max(depth);
         let first = self.binary.nodes[source].first_index as usize;
         let mut roots = Vec::with_capacity(WIDTH);
@@ -138,17 +138,17 @@ impl<P: Primitives> Emitter<'_, P> {
         let mut inner = Vec::with_capacity(WIDTH);
         for (slot, &root) in roots.iter().enumerate() {
             let child = if self.cuts[root].is_leaf {
-                self.emit_leaf(root)
+                self.write_leaf(root)
             } else {
                 let node = self.tree.nodes.len();
-                self.tree.nodes.push(Node::empty());
+                self.tree.nodes.push(BvhNode::empty());
                 inner.push((node, root));
                 Child::node(node)
             };
             self.fill(index, slot, root, child);
         }
         for (node, root) in inner {
-            self.emit_node(node, root, depth + 1);
+            self.write_node(node, root, depth + 1);
         }
     }
 
@@ -174,7 +174,7 @@ impl<P: Primitives> Emitter<'_, P> {
         self.tree.nodes[node].set(slot, min, max, child);
     }
 
-    fn emit_leaf(&mut self, source: usize) -> Child {
+    fn write_leaf(&mut self, source: usize) -> Child {
         let mut found = Vec::with_capacity(WIDTH);
         self.gather_primitives(source, &mut found);
         if self.cuts[source].triangles == 0 {
@@ -183,7 +183,7 @@ impl<P: Primitives> Emitter<'_, P> {
         // Spatial splits refer to one triangle from several leaves.
         found.sort_unstable();
         found.dedup();
-        let mut block = Block::empty();
+        let mut block = TriangleBlock::empty();
         for (lane, primitive) in found.into_iter().enumerate() {
             if let Some((corners, id)) = self.primitives.triangle(primitive) {
                 block.set(lane, corners, id);

@@ -23,7 +23,7 @@ use relume_dump::Lobe;
 use relume_scene::{Instance, Scene};
 
 use crate::shading::Hit;
-use traverse::{Found, STACK, traverse};
+use traverse::{NearestHit, STACK, traverse};
 use tree::Tree;
 
 /// A tree that could not be built.
@@ -104,7 +104,7 @@ impl SceneBvh {
         self.walk::<true>(ray).is_some()
     }
 
-    fn walk<const ANY: bool>(&self, ray: &Ray) -> Option<Found> {
+    fn walk<const ANY: bool>(&self, ray: &Ray) -> Option<NearestHit> {
         let mut on_stack = [const { MaybeUninit::uninit() }; STACK];
         if self.tree.stack_depth <= STACK {
             self.walk_with::<ANY>(ray, &mut on_stack)
@@ -113,7 +113,7 @@ impl SceneBvh {
         }
     }
 
-    fn walk_with<const ANY: bool>(&self, ray: &Ray, stack: &mut [MaybeUninit<u64>]) -> Option<Found> {
+    fn walk_with<const ANY: bool>(&self, ray: &Ray, stack: &mut [MaybeUninit<u64>]) -> Option<NearestHit> {
         let lobe = 1 << ray.lobe as u8;
         let (from_placed, from_id) = self.source_primitive(ray);
         let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & lobe != 0;
@@ -145,7 +145,7 @@ impl SceneBvh {
         }
     }
 
-    fn hit(&self, found: &Found) -> Hit {
+    fn hit(&self, found: &NearestHit) -> Hit {
         let cross = self.tree.blocks[found.block as usize].cross(found.lane as usize);
         let (instance, triangle, front) = if found.placement == u32::MAX {
             let instance = self.tree.instance_of[found.id as usize];

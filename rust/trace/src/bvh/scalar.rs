@@ -3,8 +3,8 @@
 use glam::Vec3;
 
 use super::{
-    traverse::{BlockHits, EDGE_SLACK, EXIT_SLACK, Kernel, LocalRay, MAX_EDGE_SLACK},
-    tree::{Block, Lanes, Node, WIDTH},
+    traverse::{BlockHits, EDGE_SLACK, EXIT_SLACK, LocalRay, MAX_EDGE_SLACK, TraversalKernel},
+    tree::{BvhLanes, BvhNode, TriangleBlock, WIDTH},
 };
 
 #[derive(Clone, Copy)]
@@ -13,12 +13,12 @@ pub(super) struct Scalar {
     direction: Vec3,
 }
 
-impl Kernel for Scalar {
+impl TraversalKernel for Scalar {
     fn new(ray: &LocalRay) -> Self {
         Self { origin: ray.origin, direction: ray.direction }
     }
 
-    fn enter(&self, ray: &LocalRay, node: &Node, t_min: f32, t_max: f32) -> (u32, Lanes) {
+    fn enter(&self, ray: &LocalRay, node: &BvhNode, t_min: f32, t_max: f32) -> (u32, BvhLanes) {
         let (mut near, mut far) = ([t_min; WIDTH], [t_max; WIDTH]);
         for axis in 0..3 {
             let (near_planes, far_planes) = (&node.planes[ray.near[axis]], &node.planes[ray.far[axis]]);
@@ -29,14 +29,19 @@ impl Kernel for Scalar {
             }
         }
         let mask = (0..WIDTH).fold(0, |mask, lane| mask | u32::from(near[lane] <= far[lane]) << lane);
-        (mask, Lanes(near))
+        (mask, BvhLanes(near))
     }
 
-    fn hit(&self, block: &Block, t_min: f32, t_max: f32) -> BlockHits {
-        let mut hits =
-            BlockHits { mask: 0, t: Lanes([0.0; WIDTH]), u: Lanes([0.0; WIDTH]), v: Lanes([0.0; WIDTH]) };
+    fn hit(&self, block: &TriangleBlock, t_min: f32, t_max: f32) -> BlockHits {
+        let mut hits = BlockHits {
+            mask: 0,
+            t: BvhLanes([0.0; WIDTH]),
+            u: BvhLanes([0.0; WIDTH]),
+            v: BvhLanes([0.0; WIDTH]),
+        };
         for lane in 0..WIDTH {
-            let vector = |lanes: &[Lanes; 3]| Vec3::new(lanes[0].0[lane], lanes[1].0[lane], lanes[2].0[lane]);
+            let vector =
+                |lanes: &[BvhLanes; 3]| Vec3::new(lanes[0].0[lane], lanes[1].0[lane], lanes[2].0[lane]);
             let (edge_1, edge_2) = (vector(&block.edge_1), vector(&block.edge_2));
             let to_origin = self.origin - vector(&block.corner);
             let p = self.direction.cross(edge_2);

@@ -1,4 +1,4 @@
-//! Walks the tree front to back with a stack sorted by distance. The arithmetic on eight lanes is a [`Kernel`]:
+//! Walks the tree front to back with a stack sorted by distance. The arithmetic on eight lanes is a [`TraversalKernel`]:
 //! AVX2 where the processor has it, plain Rust elsewhere.
 
 use std::mem::MaybeUninit;
@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::{
     Ray,
-    tree::{Block, Child, Kind, Lanes, Node, Tree, WIDTH},
+    tree::{BvhLanes, BvhNode, Child, ChildKind, Tree, TriangleBlock, WIDTH},
 };
 
 /// Entries on the stack of traversal; deeper trees are walked with one on the heap.
@@ -20,7 +20,7 @@ pub(super) struct LocalRay {
     pub direction: Vec3,
     /// Finite also where the direction is 0.
     pub inverse: Vec3,
-    /// Plane of [`Node::planes`] that the ray crosses first, for each axis.
+    /// Plane of [`BvhNode::planes`] that the ray crosses first, for each axis.
     pub near: [usize; 3],
     pub far: [usize; 3],
 }
@@ -40,19 +40,19 @@ impl LocalRay {
 pub(super) struct BlockHits {
     /// Bit per lane.
     pub mask: u32,
-    pub t: Lanes,
-    pub u: Lanes,
-    pub v: Lanes,
+    pub t: BvhLanes,
+    pub u: BvhLanes,
+    pub v: BvhLanes,
 }
 
 /// Tests of one ray against eight boxes or triangles.
-pub(super) trait Kernel: Copy {
+pub(super) trait TraversalKernel: Copy {
     /// Spreads a ray over the lanes.
     fn new(ray: &LocalRay) -> Self;
     /// Bit per child whose box the ray is inside of within `t_min..=t_max`, and where it enters.
-    fn enter(&self, ray: &LocalRay, node: &Node, t_min: f32, t_max: f32) -> (u32, Lanes);
+    fn enter(&self, ray: &LocalRay, node: &BvhNode, t_min: f32, t_max: f32) -> (u32, BvhLanes);
     /// Triangles hit with `t_min < t < t_max`.
-    fn hit(&self, block: &Block, t_min: f32, t_max: f32) -> BlockHits;
+    fn hit(&self, block: &TriangleBlock, t_min: f32, t_max: f32) -> BlockHits;
 }
 
 /// Rounding moves a barycentric coordinate by up to about this times
@@ -68,7 +68,7 @@ pub(super) const EXIT_SLACK: f32 = 1.0 + 4.0 * f32::EPSILON;
 
 /// The nearest hit so far.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Found {
+pub(super) struct NearestHit {
     pub t: f32,
     pub u: f32,
     pub v: f32,
@@ -88,25 +88,25 @@ fn entry(t: f32, child: Child) -> u64 {
 
 /// Nearest hit, or the first one met if `ANY`. `accept(placement, id)` says whether a triangle counts.
 #[inline(always)]
-pub(super) fn traverse<K: Kernel, const ANY: bool>(
+pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
     tree: &Tree,
     ray: &Ray,
     stack: &mut [MaybeUninit<u64>],
     accept: impl Fn(u32, u32) -> bool,
     enter_placement: impl Fn(u32) -> bool,
-) -> Option<Found> {
-    let (nodes, blocks): (&[Node], &[Block]) = (&tree.nodes, &tree.blocks);
+) -> Option<NearestHit> {
+    let (nodes, blocks): (&[BvhNode], &[TriangleBlock]) = (&tree.nodes, &tree.blocks);
     let world = LocalRay::new(ray.origin, ray.direction);
     let world_kernel = K::new(&world);
     let (mut local, mut kernel) = (world, world_kernel);
     let mut found =
-        Found { t: ray.t_max, u: 0.0, v: 0.0, id: u32::MAX, block: 0, lane: 0, placement: u32::MAX };
+        NearestHit { t: ray.t_max, u: 0.0, v: 0.0, id: u32::MAX, block: 0, lane: 0, placement: u32::MAX };
     let mut placement = u32::MAX;
     let mut top = 0;
     let mut current = tree.root?;
     loop {
         match current.kind() {
-            Kind::Node(index) => {
+            ChildKind::Node(index) => {
                 let node = &nodes[index];
                 let (mask, entries) = kernel.enter(&local, node, ray.t_min, found.t);
                 if mask != 0 {
@@ -114,7 +114,7 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
                     continue;
                 }
             }
-            Kind::Block(index) => {
+            ChildKind::Block(index) => {
                 let block = &blocks[index];
                 let hits = kernel.hit(block, ray.t_min, found.t);
                 let mut mask = hits.mask;
@@ -124,14 +124,14 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
                     if hits.t.0[lane] < found.t && accept(placement, block.ids[lane]) {
                         let [t, u, v] = [&hits.t, &hits.u, &hits.v].map(|lanes| lanes.0[lane]);
                         let (id, lane) = (block.ids[lane], lane as u32);
-                        found = Found { t, u, v, id, block: index as u32, lane, placement };
+                        found = NearestHit { t, u, v, id, block: index as u32, lane, placement };
                         if ANY {
                             return Some(found);
                         }
                     }
                 }
             }
-            Kind::Placement(index) => {
+            ChildKind::Placement(index) => {
                 let target = &tree.placements[index];
                 if enter_placement(index as u32) {
                     stack[top].write(entry(0.0, Child::LEAVE));
@@ -146,7 +146,7 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
                     continue;
                 }
             }
-            Kind::Leave => {
+            ChildKind::Leave => {
                 (local, kernel, placement) = (world, world_kernel, u32::MAX);
             }
         }
@@ -169,9 +169,9 @@ pub(super) fn traverse<K: Kernel, const ANY: bool>(
 /// Returns the nearest child and leaves the others on the stack, farthest first.
 #[inline(always)]
 fn push_children(
-    node: &Node,
+    node: &BvhNode,
     mut mask: u32,
-    entries: &Lanes,
+    entries: &BvhLanes,
     stack: &mut [MaybeUninit<u64>],
     top: &mut usize,
 ) -> Child {

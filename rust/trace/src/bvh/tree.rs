@@ -12,7 +12,7 @@ pub(super) const WIDTH: usize = 8;
 /// Eight values, one a child or triangle, aligned for one vector load.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
-pub(super) struct Lanes(pub [f32; WIDTH]);
+pub(super) struct BvhLanes(pub [f32; WIDTH]);
 
 /// Reference in a slot of a node or an entry of the traversal stack: two bits of kind, thirty of index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -24,7 +24,7 @@ pub(super) const INDEX_LIMIT: usize = 1 << 30;
 
 /// A decoded [`Child`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum ChildKind {
     /// Index into [`Tree::nodes`].
     Node(usize),
     /// Index into [`Tree::blocks`].
@@ -52,13 +52,13 @@ impl Child {
     }
 
     #[inline(always)]
-    pub fn kind(self) -> Kind {
+    pub fn kind(self) -> ChildKind {
         let index = (self.0 & (INDEX_LIMIT as u32 - 1)) as usize;
         match self.0 >> 30 {
-            0 => Kind::Node(index),
-            1 => Kind::Block(index),
-            2 => Kind::Placement(index),
-            _ => Kind::Leave,
+            0 => ChildKind::Node(index),
+            1 => ChildKind::Block(index),
+            2 => ChildKind::Placement(index),
+            _ => ChildKind::Leave,
         }
     }
 }
@@ -66,15 +66,15 @@ impl Child {
 /// Up to eight children. Empty slots have an inverted, infinite box that no ray enters.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
-pub(super) struct Node {
+pub(super) struct BvhNode {
     /// min x, min y, min z, max x, max y, max z of each child.
-    pub planes: [Lanes; 6],
+    pub planes: [BvhLanes; 6],
     pub children: [Child; WIDTH],
 }
 
-impl Node {
+impl BvhNode {
     pub fn empty() -> Self {
-        let (min, max) = (Lanes([f32::INFINITY; WIDTH]), Lanes([f32::NEG_INFINITY; WIDTH]));
+        let (min, max) = (BvhLanes([f32::INFINITY; WIDTH]), BvhLanes([f32::NEG_INFINITY; WIDTH]));
         Self { planes: [min, min, min, max, max, max], children: [Child::LEAVE; WIDTH] }
     }
 
@@ -90,23 +90,23 @@ impl Node {
 /// Up to eight triangles. Empty lanes have edges of length zero, which no ray hits.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
-pub(super) struct Block {
+pub(super) struct TriangleBlock {
     /// First corner: x, y, z.
-    pub corner: [Lanes; 3],
+    pub corner: [BvhLanes; 3],
     /// Edge from the first to the second corner.
-    pub edge_1: [Lanes; 3],
+    pub edge_1: [BvhLanes; 3],
     /// Edge from the first to the third corner.
-    pub edge_2: [Lanes; 3],
+    pub edge_2: [BvhLanes; 3],
     /// Length of the longer of the two edges.
-    pub reach: Lanes,
+    pub reach: BvhLanes,
     /// Number of the triangle: [`Tree::first_ids`] of its instance plus its index in the mesh in world space, the
     /// index in the mesh alone in object space.
     pub ids: [u32; WIDTH],
 }
 
-impl Block {
+impl TriangleBlock {
     pub fn empty() -> Self {
-        let zero = [Lanes([0.0; WIDTH]); 3];
+        let zero = [BvhLanes([0.0; WIDTH]); 3];
         Self { corner: zero, edge_1: zero, edge_2: zero, reach: zero[0], ids: [u32::MAX; WIDTH] }
     }
 
@@ -122,14 +122,14 @@ impl Block {
 
     /// Normal of a triangle, twice as long as its area.
     pub fn cross(&self, lane: usize) -> Vec3 {
-        let vector = |lanes: &[Lanes; 3]| Vec3::new(lanes[0].0[lane], lanes[1].0[lane], lanes[2].0[lane]);
+        let vector = |lanes: &[BvhLanes; 3]| Vec3::new(lanes[0].0[lane], lanes[1].0[lane], lanes[2].0[lane]);
         vector(&self.edge_1).cross(vector(&self.edge_2))
     }
 }
 
 /// A mesh that stands in the world by reference, because several instances share it.
 #[derive(Clone, Debug)]
-pub(super) struct Placement {
+pub(super) struct MeshPlacement {
     pub object_from_world: Affine3A,
     /// Root of the mesh's own tree.
     pub root: Child,
@@ -140,17 +140,17 @@ pub(super) struct Placement {
 /// Trees while they are built.
 #[derive(Debug, Default)]
 pub(super) struct Growing {
-    pub nodes: Vec<Node>,
-    pub blocks: Vec<Block>,
-    pub placements: Vec<Placement>,
+    pub nodes: Vec<BvhNode>,
+    pub blocks: Vec<TriangleBlock>,
+    pub placements: Vec<MeshPlacement>,
 }
 
 /// All trees of a scene in one pool: the world's, and one for each mesh that is used more than once.
 #[derive(Debug, Default)]
 pub(super) struct Tree {
-    pub nodes: Storage<Node>,
-    pub blocks: Storage<Block>,
-    pub placements: Vec<Placement>,
+    pub nodes: Storage<BvhNode>,
+    pub blocks: Storage<TriangleBlock>,
+    pub placements: Vec<MeshPlacement>,
     /// Root of the world's tree; none if there is nothing to hit.
     pub root: Option<Child>,
     /// Number of the first triangle of each instance whose triangles are in the world's tree.

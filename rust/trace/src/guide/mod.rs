@@ -15,7 +15,7 @@ use glam::Vec3;
 use relume_scene::{Light, LightShape};
 
 use self::target::{GuideTarget, Narrow, brightness, height};
-use crate::bsdf::{Frame, Surface};
+use crate::bsdf::{ShadingFrame, Surface};
 use crate::settings::MOST_GUIDING;
 
 /// Most guide targets: each costs some arithmetic at every vertex.
@@ -173,7 +173,7 @@ fn sample_cone(axis: Vec3, height: f32, u: [f32; 2]) -> Vec3 {
     let sine = (height * (2.0 - height)).max(0.0).sqrt();
     let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
     let local = Vec3::new(sine * cos_phi, sine * sin_phi, 1.0 - height);
-    Frame::from_normal(axis).world(local).normalize_or(axis)
+    ShadingFrame::from_normal(axis).world(local).normalize_or(axis)
 }
 
 #[cfg(test)]

@@ -11,14 +11,14 @@ const NARROWEST: f32 = 1e-6;
 /// Light as the guide sees it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GuideTarget {
-    pub place: Place,
+    pub place: TargetPlace,
     /// See [`brightness`].
     pub brightness: f32,
     pub beam: Beam,
 }
 
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Place {
+pub(super) enum TargetPlace {
     /// Light in a ball.
     Ball { center: Vec3, radius: f32 },
     /// Light on one side of a plane, in a ball.
@@ -67,24 +67,24 @@ pub(super) struct SeenLight {
 impl GuideTarget {
     pub fn new(light: &Light) -> Self {
         let flat = |center: Vec3, radius: f32, plate: Plate| {
-            (Place::Flat { center, radius, plate }, Beam::Front { normal: plate.normal })
+            (TargetPlace::Flat { center, radius, plate }, Beam::Front { normal: plate.normal })
         };
         let (place, beam) = match light.shape {
             LightShape::Sphere { center, radius } | LightShape::FacingDisk { center, radius } => {
-                (Place::Ball { center, radius }, Beam::Everywhere)
+                (TargetPlace::Ball { center, radius }, Beam::Everywhere)
             }
             LightShape::Spot { center, radius, axis, half_angle, .. } => {
-                (Place::Ball { center, radius }, Beam::Cone { axis, cos: half_angle.cos() })
+                (TargetPlace::Ball { center, radius }, Beam::Cone { axis, cos: half_angle.cos() })
             }
             LightShape::StretchedSpot { center, radius, .. } => {
-                (Place::Ball { center, radius }, Beam::Everywhere)
+                (TargetPlace::Ball { center, radius }, Beam::Everywhere)
             }
             LightShape::Sheared { center, edge_u, edge_v, is_ellipse, .. } => {
                 let radius = 0.5 * (edge_u.length() + edge_v.length());
                 let plate = Plate::sheared(edge_u, edge_v, is_ellipse);
                 let apparent = if is_ellipse { Mat3::IDENTITY } else { apparent(edge_u, edge_v) };
                 // What it faces is told by its true place.
-                (Place::Sheared { center, radius, plate, apparent }, Beam::Everywhere)
+                (TargetPlace::Sheared { center, radius, plate, apparent }, Beam::Everywhere)
             }
             LightShape::Quad { center, edge_u, edge_v, .. } => {
                 let radius = 0.5 * (edge_u.length_squared() + edge_v.length_squared()).sqrt();
@@ -95,7 +95,7 @@ impl GuideTarget {
                 flat(center, radius, Plate::new(edge_u, edge_v, true))
             }
             LightShape::Sun { direction, half_angle } => (
-                Place::Sky { direction, sine_squared: half_angle.min(0.5 * PI).sin().powi(2) },
+                TargetPlace::Sky { direction, sine_squared: half_angle.min(0.5 * PI).sin().powi(2) },
                 Beam::Everywhere,
             ),
         };
@@ -104,10 +104,12 @@ impl GuideTarget {
 
     pub fn seen_from(&self, point: Vec3) -> SeenLight {
         let (to_center, radius, plate) = match self.place {
-            Place::Sky { direction, sine_squared } => return SeenLight::in_cone(direction, sine_squared),
-            Place::Ball { center, radius } => (center - point, radius, None),
-            Place::Flat { center, radius, plate } => (center - point, radius, Some(plate)),
-            Place::Sheared { center, radius, plate, apparent } => {
+            TargetPlace::Sky { direction, sine_squared } => {
+                return SeenLight::in_cone(direction, sine_squared);
+            }
+            TargetPlace::Ball { center, radius } => (center - point, radius, None),
+            TargetPlace::Flat { center, radius, plate } => (center - point, radius, Some(plate)),
+            TargetPlace::Sheared { center, radius, plate, apparent } => {
                 (apparent * (center - point), radius, Some(plate))
             }
         };

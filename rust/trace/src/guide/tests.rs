@@ -1,6 +1,6 @@
 use relume_scene::LobeFactors;
 
-use super::target::Place;
+use super::target::TargetPlace;
 use super::*;
 
 fn light(shape: &LightShape) -> Light {
@@ -200,7 +200,7 @@ fn suns_are_guided_to_before_any_lamp() {
     let sun = light(&LightShape::Sun { direction: Vec3::Z, half_angle: 0.005 });
     let lights: Vec<Light> = [vec![lamp; MOST_LIGHTS], vec![sun]].concat();
     let guide = Guide::new(&lights, 0.5).unwrap();
-    assert!(matches!(guide.targets[0].place, Place::Sky { .. }));
+    assert!(matches!(guide.targets[0].place, TargetPlace::Sky { .. }));
 }
 
 #[test]

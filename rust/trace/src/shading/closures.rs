@@ -3,20 +3,20 @@
 use std::f32::consts::TAU;
 
 use glam::{Quat, Vec3, Vec4};
-use relume_scene::{Distribution as Model, Node, NodeId};
+use relume_scene::{Distribution, Node, NodeId};
 
-use super::evaluate::{Context, Known};
+use super::evaluate::{Known, ShadingContext};
 use super::graph::Aid;
 use super::principled::{self, Parameters};
-use super::values::Inputs;
+use super::values::NodeInputs;
 use crate::bsdf::{
-    AshikhminShirley, Compensation, Distribution, Frame, Fresnel, Interface, Microfacet, OrenNayar, Scatter,
-    Shape, Surface, ensure_valid_reflection, f0_from_ior,
+    AshikhminShirley, Compensation, Fresnel, Interface, Microfacet, MicrofacetDistribution, OrenNayar,
+    Scatter, ShadingFrame, SlopeDistribution, Surface, ensure_valid_reflection, f0_from_ior,
 };
 
 /// Adds the closures of `node` and of those below it, `weight` of them.
 pub fn shade(
-    context: &Context,
+    context: &ShadingContext,
     node: NodeId,
     weight: f32,
     values: &mut [Vec4],
@@ -56,7 +56,7 @@ pub fn shade(
     }
 }
 
-fn add_simple(context: &Context, node: &Node, weight: f32, known: &Known, surface: &mut Surface) {
+fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known, surface: &mut Surface) {
     let point = context.point;
     match node {
         Node::Diffuse { color, roughness, normal } => {
@@ -76,11 +76,11 @@ fn add_simple(context: &Context, node: &Node, weight: f32, known: &Known, surfac
             let normal = context.specular_normal(known.normal(normal));
             let anisotropy = known.float(anisotropy).clamp(-0.99, 0.99);
             let (frame, alphas) = if anisotropy.abs() <= 1e-4 {
-                (Frame::from_normal(normal), (alpha, alpha))
+                (ShadingFrame::from_normal(normal), (alpha, alpha))
             } else {
                 let tangent = turned(known.tangent(tangent), normal, known.float(rotation));
                 let stretch = if anisotropy < 0.0 { 1.0 / (1.0 + anisotropy) } else { 1.0 - anisotropy };
-                (Frame::from_tangent(normal, tangent), (alpha * stretch, alpha / stretch))
+                (ShadingFrame::from_tangent(normal, tangent), (alpha * stretch, alpha / stretch))
             };
             add_glossy(surface, color, weight, *distribution, normal, frame, alphas);
         }
@@ -97,10 +97,10 @@ fn add_simple(context: &Context, node: &Node, weight: f32, known: &Known, surfac
                 interface: Interface::Glass,
                 ior,
                 fresnel,
-                frame: Frame::from_normal(normal),
+                frame: ShadingFrame::from_normal(normal),
                 energy_scale: 1.0,
             };
-            let mean = (*distribution == Model::MultiGgx).then_some(color);
+            let mean = (*distribution == Distribution::MultiGgx).then_some(color);
             add_microfacet(surface, Vec3::splat(weight), normal, model, mean);
         }
         Node::Refraction { color, roughness, ior, normal, distribution } => {
@@ -111,7 +111,7 @@ fn add_simple(context: &Context, node: &Node, weight: f32, known: &Known, surfac
                 interface: Interface::Refraction,
                 ior: if point.backfacing { 1.0 / ior } else { ior },
                 fresnel: Fresnel::None,
-                frame: Frame::from_normal(normal),
+                frame: ShadingFrame::from_normal(normal),
                 energy_scale: 1.0,
             };
             add_microfacet(surface, known.vector(color) * weight, normal, model, None);
@@ -132,26 +132,26 @@ fn add_glossy(
     surface: &mut Surface,
     color: Vec3,
     weight: f32,
-    distribution: Model,
+    distribution: Distribution,
     normal: Vec3,
-    frame: Frame,
+    frame: ShadingFrame,
     (alpha_x, alpha_y): (f32, f32),
 ) {
-    if distribution == Model::AshikhminShirley {
+    if distribution == Distribution::AshikhminShirley {
         let model = AshikhminShirley::new(frame, alpha_x, alpha_y);
         surface.add(color * weight, Vec3::ONE, normal, Scatter::AshikhminShirley(model));
         return;
     }
     let (alpha_x, alpha_y) = (alpha_x.clamp(0.0, 1.0), alpha_y.clamp(0.0, 1.0));
     let model = Microfacet {
-        distribution: Distribution { alpha_x, alpha_y, ..isotropic(distribution, 0.0) },
+        distribution: MicrofacetDistribution { alpha_x, alpha_y, ..isotropic(distribution, 0.0) },
         interface: Interface::Reflection,
         ior: 1.0,
         fresnel: Fresnel::None,
         frame,
         energy_scale: 1.0,
     };
-    let mean = (distribution == Model::MultiGgx).then_some(color);
+    let mean = (distribution == Distribution::MultiGgx).then_some(color);
     add_microfacet(surface, color * weight, normal, model, mean);
 }
 
@@ -196,9 +196,13 @@ pub fn diffuse(normal: Vec3, roughness: f32, color: Vec3, wo: Vec3) -> Scatter {
 }
 
 /// A distribution of the node's shape.
-pub fn isotropic(distribution: Model, alpha: f32) -> Distribution {
-    let shape = if distribution == Model::Beckmann { Shape::Beckmann } else { Shape::Ggx };
-    Distribution { shape, alpha_x: alpha, alpha_y: alpha }
+pub fn isotropic(distribution: Distribution, alpha: f32) -> MicrofacetDistribution {
+    let shape = if distribution == Distribution::Beckmann {
+        SlopeDistribution::Beckmann
+    } else {
+        SlopeDistribution::Ggx
+    };
+    MicrofacetDistribution { shape, alpha_x: alpha, alpha_y: alpha }
 }
 
 /// A tangent turned about the normal by a number of full turns.
@@ -206,7 +210,7 @@ pub fn turned(tangent: Vec3, normal: Vec3, turns: f32) -> Vec3 {
     if turns == 0.0 { tangent } else { Quat::from_axis_angle(normal, turns * TAU) * tangent }
 }
 
-impl Context<'_> {
+impl ShadingContext<'_> {
     /// A normal for closures that reflect: bent so that the mirror direction is above the surface.
     pub fn specular_normal(&self, normal: Vec3) -> Vec3 {
         let geometric = self.point.geometric_normal;

@@ -3,16 +3,16 @@
 use glam::{Vec3, Vec4};
 use relume_scene::{BlendMode, Input, Material, MixData, Node, NodeId, Output};
 
-use super::values::{Inputs, evaluate_pure};
+use super::values::{NodeInputs, evaluate_pure};
 
 /// The result of a node, or the number of a node behind it that varies.
-type Constant<T> = Result<T, NodeId>;
+type ConstantResult<T> = Result<T, NodeId>;
 
 /// Emission of a shader as the only light of a lamp: nodes that scatter emit nothing. If it varies, the number of a
 /// node that does.
-pub fn constant_emission(material: &Material) -> Constant<Vec3> {
-    let mut values = Constants(Vec::with_capacity(material.nodes.len()));
-    let mut emissions: Vec<Constant<Vec3>> = Vec::with_capacity(material.nodes.len());
+pub fn constant_emission(material: &Material) -> ConstantResult<Vec3> {
+    let mut values = ConstantValues(Vec::with_capacity(material.nodes.len()));
+    let mut emissions: Vec<ConstantResult<Vec3>> = Vec::with_capacity(material.nodes.len());
     for (number, node) in material.nodes.iter().enumerate() {
         let number = number as NodeId;
         emissions.push(emission(node, number, &values, &emissions));
@@ -24,29 +24,29 @@ pub fn constant_emission(material: &Material) -> Constant<Vec3> {
 }
 
 /// Values of nodes so far.
-struct Constants(Vec<Constant<Vec4>>);
+struct ConstantValues(Vec<ConstantResult<Vec4>>);
 
-impl Constants {
+impl ConstantValues {
     /// The number of a node that varies behind an input. `user` is the node that reads it.
-    fn check(&self, input: &Input, user: NodeId) -> Constant<()> {
+    fn check(&self, input: &Input, user: NodeId) -> ConstantResult<()> {
         match input {
             Input::Link { node, .. } => self.0.get(*node as usize).unwrap_or(&Err(user)).map(|_| ()),
             _ => Ok(()),
         }
     }
 
-    fn number(&self, input: &Input, user: NodeId) -> Constant<f32> {
+    fn number(&self, input: &Input, user: NodeId) -> ConstantResult<f32> {
         self.check(input, user).map(|()| self.float(input))
     }
 }
 
-impl Inputs for Constants {
+impl NodeInputs for ConstantValues {
     fn link(&self, node: NodeId, _output: Output) -> Vec4 {
         self.0.get(node as usize).and_then(|value| value.ok()).unwrap_or_default()
     }
 }
 
-fn value(node: &Node, number: NodeId, known: &Constants) -> Constant<Vec4> {
+fn value(node: &Node, number: NodeId, known: &ConstantValues) -> ConstantResult<Vec4> {
     let mut node = node.clone();
     forget_unused_side(&mut node, number, known);
     let mut inputs = Ok(());
@@ -56,7 +56,7 @@ fn value(node: &Node, number: NodeId, known: &Constants) -> Constant<Vec4> {
 }
 
 /// Takes what a factor of 0 or 1 leaves out of a mixture.
-fn forget_unused_side(node: &mut Node, number: NodeId, known: &Constants) {
+fn forget_unused_side(node: &mut Node, number: NodeId, known: &ConstantValues) {
     let Node::Mix { data, blend, factor, a, b, .. } = node else { return };
     if *data == MixData::VectorNonUniform {
         return;
@@ -68,7 +68,12 @@ fn forget_unused_side(node: &mut Node, number: NodeId, known: &Constants) {
     }
 }
 
-fn emission(node: &Node, number: NodeId, known: &Constants, before: &[Constant<Vec3>]) -> Constant<Vec3> {
+fn emission(
+    node: &Node,
+    number: NodeId,
+    known: &ConstantValues,
+    before: &[ConstantResult<Vec3>],
+) -> ConstantResult<Vec3> {
     let child = |node: Option<NodeId>| match node {
         Some(node) => *before.get(node as usize).unwrap_or(&Err(number)),
         None => Ok(Vec3::ZERO),
@@ -95,7 +100,7 @@ mod tests {
     use super::*;
     use serde_json::{Value, json};
 
-    fn emission_of(nodes: Value) -> Constant<Vec3> {
+    fn emission_of(nodes: Value) -> ConstantResult<Vec3> {
         let surface = nodes.as_array().map(|nodes| nodes.len() - 1);
         let material = json!({"name": "Lamp", "nodes": nodes, "surface": surface});
         constant_emission(&serde_json::from_value(material).expect("a material"))

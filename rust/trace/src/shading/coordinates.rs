@@ -4,11 +4,11 @@ use glam::{Mat3, Vec2, Vec3};
 use relume_scene::{MappingKind, Projection, TexCoord};
 
 use super::SurfacePoint;
-use super::evaluate::Context;
+use super::evaluate::ShadingContext;
 use super::math::safe_divide_vector;
 
 /// The outputs of the Texture Coordinate node.
-pub fn coordinate(context: &Context, kind: TexCoord) -> Vec3 {
+pub fn coordinate(context: &ShadingContext, kind: TexCoord) -> Vec3 {
     let point = context.point;
     match kind {
         TexCoord::Uv => context.active_uv(),
@@ -26,7 +26,7 @@ pub fn coordinate(context: &Context, kind: TexCoord) -> Vec3 {
 }
 
 /// Position in 0..1 of the mesh's bounding box; the middle along flat directions.
-pub fn generated(context: &Context) -> Vec3 {
+pub fn generated(context: &ShadingContext) -> Vec3 {
     let (min, size) = context.prepared.bounds[context.point.mesh as usize];
     let position = context.prepared.object_position(context.point.instance, context.point.position);
     let relative = position - min;
@@ -34,7 +34,7 @@ pub fn generated(context: &Context) -> Vec3 {
 }
 
 /// Position on the film, 0..1 from the lower left corner.
-fn window(context: &Context) -> Vec3 {
+fn window(context: &ShadingContext) -> Vec3 {
     let camera = &context.scene.camera;
     let position = camera.world_from_camera.inverse().transform_point3(context.point.position);
     let film = match camera.projection {
@@ -63,7 +63,7 @@ pub fn footprint_axes(normal: Vec3) -> (Vec3, Vec3) {
 }
 
 /// The point moved by a vector in the plane of its triangle.
-pub fn shifted(context: &Context, offset: Vec3) -> SurfacePoint {
+pub fn shifted(context: &ShadingContext, offset: Vec3) -> SurfacePoint {
     let point = context.point;
     let mesh = context.mesh();
     let matrix = context.instance().world_from_object.matrix3;

@@ -6,13 +6,13 @@ use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Sce
 use super::coordinates;
 use super::graph::{Aid, Graph, rotation};
 use super::prepared::NamedAttribute;
-use super::values::{Inputs, evaluate_pure};
+use super::values::{NodeInputs, evaluate_pure};
 use super::{PreparedMaterials, SurfacePoint, procedural};
 use crate::bsdf;
 
 /// Point at which a graph is evaluated.
 #[derive(Clone, Copy)]
-pub struct Context<'a> {
+pub struct ShadingContext<'a> {
     pub prepared: &'a PreparedMaterials,
     pub scene: &'a Scene,
     pub graph: &'a Graph,
@@ -21,11 +21,11 @@ pub struct Context<'a> {
 
 /// A context with the values known so far.
 pub struct Known<'a, 'v> {
-    pub context: &'a Context<'a>,
+    pub context: &'a ShadingContext<'a>,
     pub values: &'v [Vec4],
 }
 
-impl Inputs for Known<'_, '_> {
+impl NodeInputs for Known<'_, '_> {
     fn link(&self, node: NodeId, output: Output) -> Vec4 {
         let (context, point) = (self.context, self.context.point);
         let instance = context.instance();
@@ -61,7 +61,7 @@ impl Known<'_, '_> {
     }
 }
 
-impl<'a> Context<'a> {
+impl<'a> ShadingContext<'a> {
     pub fn instance(&self) -> &'a Instance {
         &self.scene.instances[self.point.instance as usize]
     }
@@ -257,7 +257,7 @@ impl<'a> Context<'a> {
         let here = known.float(height);
         let mut height_at = |offset: Vec3| {
             let point = coordinates::shifted(self, offset);
-            let shifted = Context { point: &point, ..*self };
+            let shifted = ShadingContext { point: &point, ..*self };
             shifted.run(needed, scratch, &mut []);
             Known { context: &shifted, values: scratch }.float(height)
         };

@@ -7,7 +7,7 @@ use glam::{Mat3, Vec3, Vec4};
 use relume_scene::{Input, Material, Node, NodeId, Output};
 
 use super::principled::Parameters;
-use super::values::{Inputs, component, evaluate_pure};
+use super::values::{NodeInputs, component, evaluate_pure};
 
 /// Most closures that one graph may mix, shared ones counted as often as they are used.
 const MAX_CLOSURE_VISITS: usize = 256;
@@ -279,7 +279,7 @@ fn constant(value: Vec4, output: Output) -> Option<Input> {
 
 struct NoLinks;
 
-impl Inputs for NoLinks {
+impl NodeInputs for NoLinks {
     fn link(&self, _node: NodeId, _output: Output) -> Vec4 {
         Vec4::ZERO
     }

@@ -2,7 +2,7 @@ use glam::{Affine3A, Mat3A, Vec3, Vec4};
 use relume_scene::{Extension, Interpolation, Mesh, Scene};
 
 use super::closures::shade;
-use super::evaluate::Context;
+use super::evaluate::ShadingContext;
 use super::graph::{Graph, Names};
 use super::tangents::{corner_tangents, spherical_coords};
 use super::texture::{PreparedTexture, equirectangular};
@@ -135,7 +135,7 @@ impl PreparedMaterials {
         };
         let graph = &self.graphs[material];
         if let Some(root) = graph.surface {
-            let context = Context { prepared: self, scene, graph, point };
+            let context = ShadingContext { prepared: self, scene, graph, point };
             let mut values = surface.take_values(2 * graph.nodes.len());
             let (own, scratch) = values.split_at_mut(graph.nodes.len());
             shade(&context, root, 1.0, own, scratch, surface);

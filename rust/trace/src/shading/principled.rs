@@ -2,14 +2,14 @@
 //! below what its albedo estimate says.
 
 use glam::Vec3;
-use relume_scene::{Distribution as Model, Node};
+use relume_scene::{Distribution, Node};
 
 use super::closures::{add_microfacet, diffuse, turned};
-use super::evaluate::{Context, Known};
-use super::values::Inputs;
+use super::evaluate::{Known, ShadingContext};
+use super::values::NodeInputs;
 use crate::bsdf::{
-    Distribution, F82, Frame, Fresnel, Interface, Microfacet, Scatter, Shape, Sheen, Surface, WEIGHT_CUTOFF,
-    dielectric_mean, f0_from_ior, ior_from_f0,
+    F82, Fresnel, Interface, Microfacet, MicrofacetDistribution, Scatter, ShadingFrame, Sheen,
+    SlopeDistribution, Surface, WEIGHT_CUTOFF, dielectric_mean, f0_from_ior, ior_from_f0,
 };
 
 /// The node's inputs but for its directions, clamped as Cycles clamps them.
@@ -61,7 +61,7 @@ impl Directions {
 
 impl Parameters {
     /// Reads the inputs of `node`; nothing if it is another node.
-    pub fn read(node: &Node, inputs: &impl Inputs) -> Option<Self> {
+    pub fn read(node: &Node, inputs: &impl NodeInputs) -> Option<Self> {
         let Node::Principled {
             base_color,
             metallic,
@@ -116,7 +116,7 @@ impl Parameters {
             sheen_roughness: unit(sheen_roughness),
             sheen_tint: color(sheen_tint),
             emission: inputs.vector(emission_color) * inputs.float(emission_strength),
-            is_multi_ggx: *distribution == Model::MultiGgx,
+            is_multi_ggx: *distribution == Distribution::MultiGgx,
         })
     }
 
@@ -126,18 +126,21 @@ impl Parameters {
     }
 
     /// Tangents and the widths along them.
-    fn facets(&self, normal: Vec3, tangent: Vec3) -> (Frame, Distribution) {
+    fn facets(&self, normal: Vec3, tangent: Vec3) -> (ShadingFrame, MicrofacetDistribution) {
         let alpha = self.roughness * self.roughness;
         if self.anisotropic > 0.0 {
             let aspect = (1.0 - self.anisotropic * 0.9).sqrt();
-            let distribution = Distribution {
-                shape: Shape::Ggx,
+            let distribution = MicrofacetDistribution {
+                shape: SlopeDistribution::Ggx,
                 alpha_x: (alpha / aspect).min(1.0),
                 alpha_y: alpha * aspect,
             };
-            (Frame::from_tangent(normal, tangent), distribution)
+            (ShadingFrame::from_tangent(normal, tangent), distribution)
         } else {
-            (Frame::from_normal(normal), Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha })
+            (
+                ShadingFrame::from_normal(normal),
+                MicrofacetDistribution { shape: SlopeDistribution::Ggx, alpha_x: alpha, alpha_y: alpha },
+            )
         }
     }
 }
@@ -193,15 +196,25 @@ fn add_sheen(p: &Parameters, directions: &Directions, weight: Vec3, surface: &mu
     if surface.add(own, Vec3::ONE, normal, Scatter::Sheen(sheen)) { below(own, weight) } else { weight }
 }
 
-fn add_coat(context: &Context, p: &Parameters, normal: Vec3, weight: Vec3, surface: &mut Surface) -> Vec3 {
+fn add_coat(
+    context: &ShadingContext,
+    p: &Parameters,
+    normal: Vec3,
+    weight: Vec3,
+    surface: &mut Surface,
+) -> Vec3 {
     let normal = context.specular_normal(normal);
     let alpha = p.coat_roughness * p.coat_roughness;
     let model = Microfacet {
-        distribution: Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha },
+        distribution: MicrofacetDistribution {
+            shape: SlopeDistribution::Ggx,
+            alpha_x: alpha,
+            alpha_y: alpha,
+        },
         interface: Interface::Reflection,
         ior: p.coat_ior,
         fresnel: Fresnel::Dielectric,
-        frame: Frame::from_normal(normal),
+        frame: ShadingFrame::from_normal(normal),
         energy_scale: 1.0,
     };
     let mean = Vec3::splat(dielectric_mean(p.coat_ior));
@@ -231,16 +244,20 @@ fn add_metal(p: &Parameters, weight: Vec3, normal: Vec3, tangent: Vec3, surface:
     add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then(|| metal.mean()));
 }
 
-fn add_glass(context: &Context, p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) {
+fn add_glass(context: &ShadingContext, p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) {
     let alpha = p.roughness * p.roughness;
     let tint = p.reflectance().map(f32::sqrt);
     let f0 = (p.specular_tint * f0_from_ior(p.ior)).clamp(Vec3::ZERO, Vec3::ONE);
     let model = Microfacet {
-        distribution: Distribution { shape: Shape::Ggx, alpha_x: alpha, alpha_y: alpha },
+        distribution: MicrofacetDistribution {
+            shape: SlopeDistribution::Ggx,
+            alpha_x: alpha,
+            alpha_y: alpha,
+        },
         interface: Interface::Glass,
         ior: if context.point.backfacing { 1.0 / p.ior } else { p.ior },
         fresnel: Fresnel::Tinted { f0, reflection: Vec3::ONE, transmission: tint },
-        frame: Frame::from_normal(normal),
+        frame: ShadingFrame::from_normal(normal),
         energy_scale: 1.0,
     };
     add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then_some(tint));

@@ -47,11 +47,11 @@ impl PreparedTexture {
         straight: bool,
     ) -> Vec4 {
         let texels = match (&self.associated, &texture.texels) {
-            (Some(bytes), _) => Grid::Byte(bytes),
-            (None, Texels::Byte(bytes)) => Grid::Byte(bytes),
-            (None, Texels::Float(floats)) => Grid::Float(floats),
+            (Some(bytes), _) => TexelGrid::Byte(bytes),
+            (None, Texels::Byte(bytes)) => TexelGrid::Byte(bytes),
+            (None, Texels::Float(floats)) => TexelGrid::Float(floats),
         };
-        let image = Image { texels, width: texture.width, height: texture.height, extension };
+        let image = TextureImage { texels, width: texture.width, height: texture.height, extension };
         let mut value = image.filter(uv, interpolation);
         if straight && value.w != 0.0 && value.w != 1.0 && self.is_associated(texture) {
             value = (value.truncate() / value.w).extend(value.w);
@@ -91,21 +91,21 @@ fn exact_linear_from_srgb(encoded: f32) -> f32 {
 }
 
 #[derive(Clone, Copy)]
-enum Grid<'a> {
+enum TexelGrid<'a> {
     Byte(&'a [u8]),
     Float(&'a [f32]),
 }
 
 /// An image with what lies outside of it.
 #[derive(Clone, Copy)]
-struct Image<'a> {
-    texels: Grid<'a>,
+struct TextureImage<'a> {
+    texels: TexelGrid<'a>,
     width: usize,
     height: usize,
     extension: Extension,
 }
 
-impl Image<'_> {
+impl TextureImage<'_> {
     fn filter(&self, uv: [f32; 2], interpolation: Interpolation) -> Vec4 {
         let x = self.reduce(uv[0]) * self.width as f32;
         let y = self.reduce(uv[1]) * self.height as f32;
@@ -176,11 +176,11 @@ impl Image<'_> {
         let (Some(x), Some(y)) = (x, y) else { return Vec4::ZERO };
         let index = 4 * (y * self.width + x);
         match self.texels {
-            Grid::Byte(bytes) => {
+            TexelGrid::Byte(bytes) => {
                 let texel = &bytes[index..index + 4];
                 Vec4::new(texel[0].into(), texel[1].into(), texel[2].into(), texel[3].into()) * (1.0 / 255.0)
             }
-            Grid::Float(floats) => Vec4::from_slice(&floats[index..index + 4]),
+            TexelGrid::Float(floats) => Vec4::from_slice(&floats[index..index + 4]),
         }
     }
 }

@@ -7,7 +7,7 @@ use super::{color, math};
 
 /// A node's outputs in four numbers: colour or vector in xyz and alpha in w. A float is in every component, Layer
 /// Weight has its Fresnel and facing outputs in x and y, a procedural texture its number in w.
-pub trait Inputs {
+pub trait NodeInputs {
     /// The four numbers of a linked node. Outputs that are read from the geometry have them in place of the node's.
     fn link(&self, node: NodeId, output: Output) -> Vec4;
 
@@ -67,7 +67,7 @@ fn clamp_if(condition: bool, value: Vec3) -> Vec3 {
 }
 
 /// The value of a node that depends on its inputs alone; nothing for other nodes and for closures.
-pub fn evaluate_pure(node: &Node, inputs: &impl Inputs) -> Option<Vec4> {
+pub fn evaluate_pure(node: &Node, inputs: &impl NodeInputs) -> Option<Vec4> {
     let float = |input| inputs.float(input);
     let vector = |input| inputs.vector(input);
     let saturated = |value: f32| Vec4::splat(value.clamp(0.0, 1.0));

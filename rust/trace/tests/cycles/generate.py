@@ -376,7 +376,7 @@ def views():
 
 
 def is_wanted(name):
-    """Whether a case is among those that the command line names."""
+    """True if a case is among those that the command line names."""
     wanted = tuple(sys.argv[1:])
     return not wanted or name.startswith(wanted)
 

@@ -5,7 +5,7 @@ use relume_scene::{
     Light, LightShape, LobeFactors, Scene,
     glam::{Affine3A, Vec3},
 };
-use relume_trace::{Control, Outcome, TraceSettings, Tracer, settings::PassSchedule};
+use relume_trace::{Control, TraceOutcome, TraceSettings, Tracer, settings::PassSchedule};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::support::*;
@@ -32,7 +32,7 @@ fn settings() -> TraceSettings {
 fn shards(scene: &Scene, settings: &TraceSettings) -> Vec<Vec<u8>> {
     let tracer = Tracer::new(scene, settings).unwrap();
     let writer = MemoryWriter::new(tracer.manifest()).unwrap();
-    assert_eq!(tracer.trace(&writer, &Control::default()).unwrap(), Outcome::Complete);
+    assert_eq!(tracer.trace(&writer, &Control::default()).unwrap(), TraceOutcome::Complete);
     let dump = writer.snapshot();
     assert_eq!(dump.missing(), []);
     dump.shards().map(|shard| shard.as_bytes().to_vec()).collect()
@@ -85,9 +85,9 @@ fn cancelled_traces_leave_whole_shards_and_go_on_later() {
         }
         watched.cancel.store(true, Ordering::Relaxed);
         let outcome = running.join().unwrap();
-        assert_eq!(outcome == Outcome::Complete, writer.snapshot().missing().is_empty());
+        assert_eq!(outcome == TraceOutcome::Complete, writer.snapshot().missing().is_empty());
     });
-    assert_eq!(tracer.trace(&writer, &Control::default()).unwrap(), Outcome::Complete);
+    assert_eq!(tracer.trace(&writer, &Control::default()).unwrap(), TraceOutcome::Complete);
     let resumed: Vec<Vec<u8>> = writer.snapshot().shards().map(|shard| shard.as_bytes().to_vec()).collect();
     assert_eq!(resumed, shards(&scene, &settings));
 }

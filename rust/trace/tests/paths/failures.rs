@@ -4,7 +4,7 @@ use std::{io, path::PathBuf, sync::Mutex, sync::atomic::Ordering};
 
 use relume_dump::{DumpError, Manifest, MemoryWriter, ShardSink, TileSamples};
 use relume_scene::{Scene, glam::Vec3};
-use relume_trace::{Control, Outcome, TraceError, TraceSettings, Tracer, trace};
+use relume_trace::{Control, TraceError, TraceOutcome, TraceSettings, Tracer, trace};
 
 use crate::support::*;
 
@@ -54,7 +54,7 @@ fn a_full_disk_ends_the_trace_with_its_error_and_keeps_what_was_written() {
     let error = tracer.trace(&disk, &Control::default()).unwrap_err();
     assert!(matches!(error, TraceError::Dump(_)), "{error}");
     assert_eq!(disk.memory.snapshot().shards().count(), 3);
-    assert_eq!(tracer.trace(&disk.memory, &Control::default()).unwrap(), Outcome::Complete);
+    assert_eq!(tracer.trace(&disk.memory, &Control::default()).unwrap(), TraceOutcome::Complete);
 }
 
 #[test]
@@ -79,7 +79,7 @@ fn a_trace_that_is_cancelled_before_it_starts_writes_nothing() {
     let writer = MemoryWriter::new(relume_trace::manifest(&scene, &settings())).unwrap();
     let control = Control::default();
     control.cancel.store(true, Ordering::Relaxed);
-    assert_eq!(trace(&scene, &settings(), &writer, &control).unwrap(), Outcome::Cancelled);
+    assert_eq!(trace(&scene, &settings(), &writer, &control).unwrap(), TraceOutcome::Cancelled);
     assert_eq!(writer.snapshot().shards().count(), 0);
 }
 

@@ -5,7 +5,7 @@ use relume_scene::{
     Camera, Input, Instance, Material, Mesh, Node, Scene,
     glam::{Affine3A, Quat, Vec2, Vec3},
 };
-use relume_trace::{PathSink, Scratch, TraceSettings, Tracer};
+use relume_trace::{PathScratch, PathSink, TraceSettings, Tracer};
 
 /// One path as the tracer gave it.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,7 +35,7 @@ impl PathSink for Recorder {
 pub fn pixel_paths(tracer: &Tracer, x: usize, y: usize, samples: std::ops::Range<u32>) -> Vec<Path> {
     let mut recorder = Recorder::default();
     let pass = Pass { first_sample: samples.start, samples: samples.end - samples.start };
-    tracer.trace_pixel(x, y, pass, &mut Scratch::default(), &mut recorder);
+    tracer.trace_pixel(x, y, pass, &mut PathScratch::default(), &mut recorder);
     recorder.0
 }
 

@@ -40,7 +40,7 @@ arguments! {
 /// Progress of the steps on the device.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(super) struct Progress {
+pub(super) struct TrainProgress {
     pub loss: f32,
     pub loss_sum: f32,
     pub steps: u32,

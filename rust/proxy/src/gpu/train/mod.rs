@@ -38,10 +38,10 @@ use std::sync::Arc;
 
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, Submission};
 
-use self::arguments::{Batch, Chains, Loss, Progress, Scatter, Weights};
+use self::arguments::{Batch, Chains, Loss, Scatter, TrainProgress, Weights};
 use self::kernels::Kernels;
 use self::optimise::Optimise;
-use self::plan::{Plan, Shape, Space, TILE};
+use self::plan::{NetworkShape, Plan, Space, TILE};
 pub(crate) use self::steps::DeviceCore;
 use self::store::Store;
 use crate::encoding::OutputScale;
@@ -77,7 +77,7 @@ pub(crate) struct Demand<'a> {
 
 /// A step of training: which chunks of the store it takes, and how far it goes.
 #[derive(Clone, Debug)]
-pub(crate) struct Step {
+pub(crate) struct TrainStep {
     /// Chunks, each of [`CHUNK`] samples.
     pub draws: Vec<u32>,
     pub rates: StepRates,
@@ -108,7 +108,7 @@ pub(crate) struct GpuTraining {
 struct Buffers {
     /// Chunks of the recorded steps, one step after the other.
     draws: Buffer<u32>,
-    layers: Buffer<plan::Layer>,
+    layers: Buffer<plan::DenseLayer>,
     levels: Buffer<DeviceLevel>,
     activations: Buffer<f32>,
     pieces: Buffer<f32>,
@@ -123,7 +123,7 @@ impl GpuTraining {
     pub fn new(gpu: Arc<Gpu>, network: &impl Network, demand: &Demand<'_>) -> Result<Self, ProxyError> {
         let (config, layout, grid) = (demand.config, network.layout(), network.grid());
         let encoding = *network.light_encoding();
-        let shape = Shape {
+        let shape = NetworkShape {
             layout,
             grid_levels: grid.levels(),
             grid_outputs: grid.outputs(),
@@ -211,7 +211,7 @@ impl GpuTraining {
     ///
     /// # Errors
     /// If the device was lost.
-    pub fn run(&self, steps: &[Step]) -> Result<Submission, GpuError> {
+    pub fn run(&self, steps: &[TrainStep]) -> Result<Submission, GpuError> {
         let draws: Vec<u32> = steps.iter().flat_map(|step| step.draws.iter().copied()).collect();
         self.gpu.write(&self.buffers.draws, 0, &draws);
         let mut commands = self.gpu.commands("training steps");
@@ -282,7 +282,7 @@ impl GpuTraining {
         commands.run(&kernels.sum_slots, (pixels * slots.rows).div_ceil(64), bytemuck::bytes_of(&slots));
         let chains = |chains: &Chains| Chains { batch, scale, ..*chains };
         plan.backward.iter().for_each(|own| self.record_layers(commands, &chains(own), false));
-        let tiles = |layer: &plan::Layer| {
+        let tiles = |layer: &plan::DenseLayer| {
             let pieces = batch.columns(layer.space()).div_ceil(self.piece);
             layer.outputs.div_ceil(TILE) * layer.inputs.div_ceil(TILE) * pieces
         };
@@ -343,7 +343,7 @@ impl GpuTraining {
     }
 
     /// Progress of the steps since the last [`GpuTraining::forget_progress`]. Waits for them.
-    fn progress(&self) -> Result<Progress, GpuError> {
+    fn progress(&self) -> Result<TrainProgress, GpuError> {
         self.optimise.progress(&self.gpu)
     }
 

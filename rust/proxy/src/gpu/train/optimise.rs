@@ -1,8 +1,8 @@
 use bytemuck::{Zeroable, bytes_of};
 use relume_gpu::{Binding, Bound, Buffer, Commands, Gpu, GpuError};
 
-use super::Step;
-use super::arguments::{Batch, Muon, Progress, Rates, Reduction};
+use super::TrainStep;
+use super::arguments::{Batch, Muon, Rates, Reduction, TrainProgress};
 use super::plan::Space;
 use crate::optim::{NEWTON_SCHULZ, ROUNDS, corrections, muon_step_length};
 use crate::params::{ParamLayout, Role};
@@ -35,7 +35,7 @@ pub(super) struct Optimise {
     mean: Buffer<f32>,
     first: Buffer<f32>,
     second: Buffer<f32>,
-    pub progress: Buffer<Progress>,
+    pub progress: Buffer<TrainProgress>,
     parameters: u32,
     dense: u32,
     reduce: Bound,
@@ -78,7 +78,7 @@ impl Optimise {
         let (params, gradient, mean) = (vector("weights")?, vector("gradient")?, vector("mean weights")?);
         let (first, second) = (vector("first moments")?, vector("second moments")?);
         let grid = gpu.zeros::<u32>("gradient by the grid", 2 * (len - dense as usize))?;
-        let progress = gpu.zeros::<Progress>("progress", 1)?;
+        let progress = gpu.zeros::<TrainProgress>("progress", 1)?;
         let blocks = gpu.buffer_of("blocks", &block_words(layout, muon))?;
         let (b, g, p) = (blocks.whole(), gradient.whole(), progress.whole());
         let reduced = [b, pieces.whole(), grid.whole(), g, p, losses.whole()];
@@ -115,7 +115,7 @@ impl Optimise {
     }
 
     /// Moves the parameters along the gradient.
-    pub fn record_update(&self, commands: &mut Commands<'_>, step: &Step) {
+    pub fn record_update(&self, commands: &mut Commands<'_>, step: &TrainStep) {
         let hidden = &self.hidden;
         let [first_correction, second_correction] = corrections(step.number);
         let [linear, cubic, quintic] = NEWTON_SCHULZ;
@@ -162,13 +162,13 @@ impl Optimise {
     }
 
     /// Progress of the steps since the last [`Optimise::forget_progress`].
-    pub fn progress(&self, gpu: &Gpu) -> Result<Progress, GpuError> {
+    pub fn progress(&self, gpu: &Gpu) -> Result<TrainProgress, GpuError> {
         Ok(gpu.read(&self.progress, 0..1)?[0])
     }
 
     /// Lets steps count from zero, and have an effect again after a bad one.
     pub fn forget_progress(&self, gpu: &Gpu) {
-        gpu.write(&self.progress, 0, &[Progress::default()]);
+        gpu.write(&self.progress, 0, &[TrainProgress::default()]);
     }
 }
 

@@ -45,7 +45,7 @@ fn per_space(samples: u32, slots: u32, space: Space) -> u32 {
 /// A dense layer: the mirror of `Layer` in `train/layers.wgsl`, which tells what the fields are.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, NoUninit, Zeroable)]
-pub(super) struct Layer {
+pub(super) struct DenseLayer {
     pub weights: u32,
     pub stride: u32,
     pub bias: u32,
@@ -67,7 +67,7 @@ pub(super) struct Layer {
     pub light_rows: u32,
 }
 
-impl Layer {
+impl DenseLayer {
     /// Meaning of its columns.
     pub fn space(&self) -> Space {
         match self.space {
@@ -88,7 +88,7 @@ const TRUNK: u32 = 3;
 /// everything but the batch and what changes from step to step.
 #[derive(Debug)]
 pub(super) struct Plan {
-    pub layers: Vec<Layer>,
+    pub layers: Vec<DenseLayer>,
     /// Chains that run by pixel and by light, forwards and backwards.
     pub forward: Vec<Chains>,
     pub backward: Vec<Chains>,
@@ -126,7 +126,7 @@ impl Rooms {
 }
 
 /// Shape of a network beyond its configuration.
-pub(super) struct Shape<'a> {
+pub(super) struct NetworkShape<'a> {
     pub layout: &'a ParamLayout,
     pub grid_levels: usize,
     pub grid_outputs: usize,
@@ -136,7 +136,7 @@ pub(super) struct Shape<'a> {
 
 impl Plan {
     /// Plan for batches of up to `capacity` samples at a time, with `slots` lights a pixel.
-    pub fn new(config: &NetworkConfig, shape: &Shape<'_>, capacity: u32, slots: u32) -> Self {
+    pub fn new(config: &NetworkConfig, shape: &NetworkShape<'_>, capacity: u32, slots: u32) -> Self {
         let rooms = Rooms { batch: Batch { samples: capacity, capacity, slots }, used: 0 };
         match *config {
             NetworkConfig::Fast { width, layers, .. } => Self::fast(width, layers, shape, rooms),
@@ -144,7 +144,7 @@ impl Plan {
         }
     }
 
-    fn fast(width: usize, depth: usize, shape: &Shape<'_>, mut rooms: Rooms) -> Self {
+    fn fast(width: usize, depth: usize, shape: &NetworkShape<'_>, mut rooms: Rooms) -> Self {
         let rooms = &mut rooms;
         let pixel_inputs = shape.grid_outputs + AUX;
         let modulations = 2 * width * (depth + 1);
@@ -157,7 +157,7 @@ impl Plan {
             plain(shape, "trunk", Space::Pixels, &[pixel_inputs, width, width, width], pixels, rooms);
         let sizes = [shape.light_inputs, width, width, modulations];
         let encoder = plain(shape, "encoder", Space::Lights, &sizes, lights, rooms);
-        let head = Head { width, depth, trunk: trunk[2], encoder: encoder[2], features };
+        let head = FastHead { width, depth, trunk: trunk[2], encoder: encoder[2], features };
         let head = head.layers(shape, rooms);
         let slots = Slots {
             samples: head[0].d_product,
@@ -186,7 +186,7 @@ impl Plan {
         }
     }
 
-    fn reference(width: usize, depth: usize, shape: &Shape<'_>, mut rooms: Rooms) -> Self {
+    fn reference(width: usize, depth: usize, shape: &NetworkShape<'_>, mut rooms: Rooms) -> Self {
         let rooms = &mut rooms;
         let pixel_rows = shape.grid_outputs + AUX_PAPER;
         let rows = pixel_rows + shape.light_inputs;
@@ -229,19 +229,19 @@ fn chain(first: u32, length: usize) -> Chains {
 
 /// Layers of a plain network, ReLU between them; the gradient by its input has no place yet.
 fn plain(
-    shape: &Shape<'_>,
+    shape: &NetworkShape<'_>,
     name: &str,
     space: Space,
     sizes: &[usize],
     input: u32,
     rooms: &mut Rooms,
-) -> Vec<Layer> {
+) -> Vec<DenseLayer> {
     let count = sizes.len() - 1;
-    let mut layers: Vec<Layer> = Vec::with_capacity(count);
+    let mut layers: Vec<DenseLayer> = Vec::with_capacity(count);
     for index in 0..count {
         let weights = tensor(shape.layout, &format!("{name}.{index}.weight"));
         let before = layers.last().copied();
-        layers.push(Layer {
+        layers.push(DenseLayer {
             bias: tensor(shape.layout, &format!("{name}.{index}.bias")).start as u32,
             input: before.map_or(input, |layer| layer.output),
             d_input: before.map_or(NOTHING, |layer| layer.d_product),
@@ -254,8 +254,8 @@ fn plain(
 }
 
 /// A layer of these weights, its output and gradient placed.
-fn layer(weights: &Tensor, space: Space, rooms: &mut Rooms) -> Layer {
-    Layer {
+fn layer(weights: &Tensor, space: Space, rooms: &mut Rooms) -> DenseLayer {
+    DenseLayer {
         weights: weights.start as u32,
         stride: weights.stride as u32,
         bias: NOTHING,
@@ -271,21 +271,21 @@ fn layer(weights: &Tensor, space: Space, rooms: &mut Rooms) -> Layer {
 }
 
 /// The head of the fast network.
-struct Head {
+struct FastHead {
     width: usize,
     depth: usize,
     /// Last layers of trunk and encoder.
-    trunk: Layer,
-    encoder: Layer,
+    trunk: DenseLayer,
+    encoder: DenseLayer,
     features: u32,
 }
 
-impl Head {
-    fn layers(&self, shape: &Shape<'_>, rooms: &mut Rooms) -> Vec<Layer> {
+impl FastHead {
+    fn layers(&self, shape: &NetworkShape<'_>, rooms: &mut Rooms) -> Vec<DenseLayer> {
         let space = Space::Samples;
         let stride = rooms.stride(Space::Lights);
         let modulation = |index: usize| (2 * self.width * index) as u32 * stride;
-        let mut layers = vec![Layer {
+        let mut layers = vec![DenseLayer {
             input: self.features,
             finish: TRUNK,
             modulation: self.encoder.output,
@@ -296,7 +296,7 @@ impl Head {
             let before = layers[index];
             let name = if index < self.depth { index.to_string() } else { "output".into() };
             let weights = tensor(shape.layout, &format!("head.{name}.weight"));
-            let mut next = Layer {
+            let mut next = DenseLayer {
                 input: before.output,
                 d_input: before.d_product,
                 before: before.finish,
@@ -318,7 +318,7 @@ impl Head {
     }
 }
 
-fn inputs(shape: &Shape<'_>, [pixels, lights, factors, values]: [u32; 4], known: usize) -> Inputs {
+fn inputs(shape: &NetworkShape<'_>, [pixels, lights, factors, values]: [u32; 4], known: usize) -> Inputs {
     Inputs {
         pixels,
         lights,

@@ -21,7 +21,7 @@ pub(super) struct DevicePool {
     values: usize,
     images: usize,
     /// Whole images, place by place.
-    parts: Vec<Part>,
+    parts: Vec<PoolPart>,
     /// Rows of the images' lights.
     lights: Buffer<f32>,
     /// Place of the image of each tile of the store.
@@ -29,7 +29,7 @@ pub(super) struct DevicePool {
 }
 
 #[derive(Debug)]
-struct Part {
+struct PoolPart {
     images: Buffer<f32>,
     take: Bound,
 }
@@ -72,7 +72,7 @@ impl DevicePool {
                 store.lights.whole(),
                 store.targets.whole(),
             ])?;
-            Ok(Part { images: buffer, take })
+            Ok(PoolPart { images: buffer, take })
         };
         let parts = (0..size).step_by(images).map(part).collect::<Result<_, GpuError>>()?;
         Ok(Self { size: size as u64, values, images, parts, lights, places })

@@ -4,10 +4,10 @@ use std::time::Instant;
 
 use relume_gpu::{Gpu, Submission};
 
-use super::arguments::Progress;
+use super::arguments::TrainProgress;
 use super::matrices::are_worth_it;
 use super::pool::DevicePool;
-use super::{Demand, GpuTraining, Step};
+use super::{Demand, GpuTraining, TrainStep};
 use crate::network::CHUNK;
 use crate::replay::{BLOCK, CAPACITY, FILL};
 use crate::schedule::{batch_size, mean_share, progress, rates};
@@ -137,7 +137,7 @@ impl Trainer {
             return Ok(None);
         }
         device.training.write_chunks(0, &batch, scale);
-        let step = |number| Step {
+        let step = |number| TrainStep {
             draws: (0..(samples / CHUNK) as u32).collect(),
             rates: rates(&trainer.config, 0.5),
             number,
@@ -145,7 +145,7 @@ impl Trainer {
         };
         let mut best = f64::INFINITY;
         for round in 0..=rounds {
-            let steps: Vec<Step> = (1..=device.steps as u64).map(step).collect();
+            let steps: Vec<TrainStep> = (1..=device.steps as u64).map(step).collect();
             let start = Instant::now();
             device.training.run(&steps)?;
             gpu.wait()?;
@@ -205,7 +205,7 @@ impl Trainer {
         &mut self,
         device: &mut DeviceCore,
         targets: Option<&dyn DeviceTargets>,
-        steps: &[Step],
+        steps: &[TrainStep],
     ) -> Result<(), ProxyError> {
         self.upload_samples(device, targets)?;
         if !steps.is_empty() {
@@ -261,14 +261,14 @@ impl Trainer {
     }
 
     /// Counts the next step, and says what it takes.
-    fn next_step(&mut self, device: &mut DeviceCore) -> Result<Step, ProxyError> {
+    fn next_step(&mut self, device: &mut DeviceCore) -> Result<TrainStep, ProxyError> {
         let done = progress(&self.config, self.state.samples);
         let samples = batch_size(&self.config, done);
         let draws = self.draws(device, samples)?;
         self.state.step += 1;
         self.state.samples += samples as u64;
         let number = self.state.step;
-        Ok(Step {
+        Ok(TrainStep {
             draws,
             rates: rates(&self.config, done),
             number,
@@ -326,7 +326,7 @@ impl Trainer {
 }
 
 /// Samples of the steps, of those that were last handed over, that had no effect: all from the first bad one on.
-fn undone<'a>(unread: &'a [u64], progress: &Progress) -> &'a [u64] {
+fn undone<'a>(unread: &'a [u64], progress: &TrainProgress) -> &'a [u64] {
     let done = if progress.diverged == 0 { unread.len() } else { progress.steps as usize };
     &unread[done.min(unread.len())..]
 }

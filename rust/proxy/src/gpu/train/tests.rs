@@ -14,7 +14,7 @@ use crate::gradient::tests::{SIZE, Setup, setup, tiny_grid};
 use crate::gradient::{GradientBuffers, batch_gradient};
 use crate::light::random_light;
 use crate::loss::TILE as TARGET_TILE;
-use crate::network::{CHUNK_TILES, Context, FastNetwork, ReferenceNetwork};
+use crate::network::{CHUNK_TILES, FastNetwork, NetworkContext, ReferenceNetwork};
 use crate::optim::Optimiser;
 use crate::sampling::Sampler;
 use crate::simd::{Isa, LANES};
@@ -99,7 +99,7 @@ fn check_gradient<N: Network>(network: &N, setup: &Setup, config: &TrainConfig, 
     let chunks = config.batch_end / CHUNK;
     let batch = samples(setup, chunks, config.lights_per_pixel);
     let params = network.layout().start_values(5);
-    let context = Context { isa: Isa::detect(), scene: &setup.scene, params: &params };
+    let context = NetworkContext { isa: Isa::detect(), scene: &setup.scene, params: &params };
     let mut buffers = GradientBuffers::new(network);
     let expected_loss = batch_gradient(network, &network.pack(&params), context, &batch, &mut buffers);
 
@@ -186,7 +186,7 @@ fn check_steps(width: usize) {
     let start = network.layout().start_values(5);
     let training = on_device(&network, &setup, &config, &start, &batch);
     let rates = StepRates { adam: 1e-2, muon: 1e-2, grid: 1e-2 };
-    let step = |number| Step { draws: vec![0], rates, number, mean_share: Some(0.25) };
+    let step = |number| TrainStep { draws: vec![0], rates, number, mean_share: Some(0.25) };
     let (mut params, mut mean) = (start.clone(), start.clone());
     let mut optimiser = Optimiser::new(network.layout(), true);
     for number in 1..=2 {
@@ -223,7 +223,7 @@ fn a_loss_that_is_no_number_leaves_the_weights_alone() {
     let params = network.layout().start_values(5);
     let training = on_device(&network, &setup, &config, &params, &batch);
     let rates = StepRates { adam: 1e-2, muon: 1e-2, grid: 1e-2 };
-    let step = |chunk, number| Step { draws: vec![chunk], rates, number, mean_share: None };
+    let step = |chunk, number| TrainStep { draws: vec![chunk], rates, number, mean_share: None };
     training.run(&[step(0, 1)]).expect("a step");
     let good = training.download().expect("read back");
     assert!(good[0] != params);
@@ -238,11 +238,11 @@ relume_gpu::part_of_mirrors!(super::arguments::Batch as Struct, super::arguments
 #[test]
 fn arguments_mirror_the_shaders() {
     use super::arguments::*;
-    use super::plan::Layer;
+    use super::plan::DenseLayer;
     use crate::grid::DeviceLevel;
     use relume_gpu::assert_mirror;
     assert_mirror!(Batch as "train/batch", "Batch", { samples, capacity, slots });
-    assert_mirror!(Layer as "train/layers", "Layer", {
+    assert_mirror!(DenseLayer as "train/layers", "Layer", {
         weights, stride, bias, inputs, outputs, space, input, output, d_product, d_input, finish, modulation, product,
         before, before_modulation, before_d_modulation, before_product, pixel_rows, light_rows,
     });
@@ -266,7 +266,7 @@ fn arguments_mirror_the_shaders() {
     assert_mirror!(Muon as "train/muon", "Muon", {
         size, stride, matrices, left, right, turned, plus, to, factor, share, step, mean_share,
     });
-    assert_mirror!(Progress as "train/parameters", "Progress", { loss, loss_sum, steps, diverged, bad_target });
+    assert_mirror!(TrainProgress as "train/parameters", "Progress", { loss, loss_sum, steps, diverged, bad_target });
     assert_mirror!(DeviceLevel as "proxy/grid", "Level", { table, resolution, columns, hash_mask });
 }
 

@@ -2,7 +2,7 @@
 //!
 //! | tensor | type | shape | meaning |
 //! |---|---|---|---|
-//! | `description` | U8 | bytes | JSON: all that is no array, [`Description`] |
+//! | `description` | U8 | bytes | JSON: all that is no array, [`SceneDescription`] |
 //! | `mesh.N.positions` | F32 | vertices, 3 | of mesh N ([`relume_scene::Mesh`]) |
 //! | `mesh.N.triangles` | U32 | triangles, 3 | |
 //! | `mesh.N.corner_normals` | F32 | corners, 3 | no corners if every face is flat |
@@ -58,7 +58,7 @@ struct SceneHeader {
 /// Everything but arrays. Materials are [`relume_scene::Material`], or JSON until they are checked.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Description<M> {
+struct SceneDescription<M> {
     working_space: String,
     camera: Camera,
     meshes: Vec<MeshParts>,

@@ -1,5 +1,5 @@
 use super::{
-    DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneFile, SceneHeader, TextureParts, VIEW,
+    DESCRIPTION, FORMAT_VERSION, KEY, MeshParts, SceneDescription, SceneFile, SceneHeader, TextureParts, VIEW,
 };
 use crate::bake::check_scene;
 use crate::files::light_set;
@@ -49,7 +49,7 @@ fn parse_about(json: &str) -> Result<SceneHeader, String> {
 
 fn read_scene(arrays: &Arrays) -> Result<(Scene, TraceSettings), String> {
     let json: Vec<u8> = arrays.rows(DESCRIPTION, Dtype::U8, &[])?;
-    let parts: Description<Value> =
+    let parts: SceneDescription<Value> =
         serde_json::from_slice(&json).map_err(|error| format!("its description is damaged ({error})"))?;
     let mut builder = SceneBuilder::new(parts.working_space);
     let refused = |error: relume_scene::BuildError| error.to_string();

@@ -1,4 +1,4 @@
-use super::{DESCRIPTION, Description, FORMAT_VERSION, KEY, MeshParts, SceneHeader, TextureParts, VIEW};
+use super::{DESCRIPTION, FORMAT_VERSION, KEY, MeshParts, SceneDescription, SceneHeader, TextureParts, VIEW};
 use crate::bake::check_scene;
 use bytemuck::{NoUninit, cast_slice};
 use relume_scene::{Material, Mesh, Scene, Texels, Texture};
@@ -15,7 +15,7 @@ pub(super) fn encode(
     check_scene(scene)?;
     let description = serde_json::to_vec(&describe(scene, settings)).map_err(|error| error.to_string())?;
     // JSON has null for what is not a finite number, and no reader takes that: better said now than on the farm.
-    serde_json::from_slice::<Description<Material>>(&description)
+    serde_json::from_slice::<SceneDescription<Material>>(&description)
         .map_err(|error| format!("a value is not a finite number ({error}); correct it in Blender"))?;
     let mut tensors = Tensors::default();
     tensors.add(DESCRIPTION.into(), Dtype::U8, &[], &description)?;
@@ -38,8 +38,8 @@ pub(super) fn encode(
     serialize(tensors.0, Some(HashMap::from([(KEY.to_owned(), about)]))).map_err(|error| error.to_string())
 }
 
-fn describe(scene: &Scene, settings: &TraceSettings) -> Description<Material> {
-    Description {
+fn describe(scene: &Scene, settings: &TraceSettings) -> SceneDescription<Material> {
+    SceneDescription {
         working_space: scene.working_space.clone(),
         camera: scene.camera.clone(),
         meshes: scene.meshes.iter().map(mesh_parts).collect(),

@@ -10,7 +10,7 @@ mod voronoi;
 use glam::{Vec3, Vec4};
 use relume_scene::{BrickTexture, Dimensions, NoiseTexture, Procedural, VoronoiTexture, WaveTexture};
 
-use super::values::Inputs;
+use super::values::NodeInputs;
 use hash::random_color;
 use noise::Octaves;
 use patterns::{Bricks, Distortion};
@@ -21,7 +21,7 @@ const MAX_DETAIL: f32 = 15.0;
 
 /// A texture at the point `at`, in four numbers: colour in xyz, and in w factor, distance or radius; see
 /// [`VoronoiTexture`] for positions. Colours may be left out, but for their red, unless `colored`.
-pub fn evaluate(texture: &Procedural, at: Vec3, inputs: &impl Inputs, colored: bool) -> Vec4 {
+pub fn evaluate(texture: &Procedural, at: Vec3, inputs: &impl NodeInputs, colored: bool) -> Vec4 {
     let float = |input| inputs.float(input);
     let color = |input| inputs.vector(input);
     match texture {
@@ -50,7 +50,7 @@ pub fn evaluate(texture: &Procedural, at: Vec3, inputs: &impl Inputs, colored: b
     }
 }
 
-fn noise(texture: &NoiseTexture, at: Vec3, inputs: &impl Inputs, colored: bool) -> Vec4 {
+fn noise(texture: &NoiseTexture, at: Vec3, inputs: &impl NodeInputs, colored: bool) -> Vec4 {
     let float = |input| inputs.float(input);
     let octaves = Octaves {
         kind: texture.kind,
@@ -73,7 +73,7 @@ fn noise(texture: &NoiseTexture, at: Vec3, inputs: &impl Inputs, colored: bool) 
     }
 }
 
-fn voronoi(texture: &VoronoiTexture, at: Vec3, inputs: &impl Inputs, colored: bool) -> Vec4 {
+fn voronoi(texture: &VoronoiTexture, at: Vec3, inputs: &impl NodeInputs, colored: bool) -> Vec4 {
     let float = |input| inputs.float(input);
     let scale = float(&texture.scale);
     let voronoi = Voronoi {
@@ -100,7 +100,7 @@ fn voronoi(texture: &VoronoiTexture, at: Vec3, inputs: &impl Inputs, colored: bo
     }
 }
 
-fn wave(texture: &WaveTexture, at: Vec3, inputs: &impl Inputs) -> Vec4 {
+fn wave(texture: &WaveTexture, at: Vec3, inputs: &impl NodeInputs) -> Vec4 {
     let float = |input| inputs.float(input);
     let distortion = Distortion {
         strength: float(&texture.distortion),
@@ -114,7 +114,7 @@ fn wave(texture: &WaveTexture, at: Vec3, inputs: &impl Inputs) -> Vec4 {
     Vec4::splat(patterns::wave(shape, at * float(&texture.scale), float(&texture.phase_offset), &distortion))
 }
 
-fn brick(texture: &BrickTexture, at: Vec3, inputs: &impl Inputs) -> Vec4 {
+fn brick(texture: &BrickTexture, at: Vec3, inputs: &impl NodeInputs) -> Vec4 {
     let float = |input| inputs.float(input);
     let bricks = Bricks {
         width: float(&texture.brick_width),

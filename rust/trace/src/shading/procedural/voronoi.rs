@@ -31,14 +31,14 @@ pub struct Voronoi {
 
 /// Result of one octave, or of all of them, at a place.
 #[derive(Clone, Copy, Debug)]
-struct Found<const N: usize> {
+struct VoronoiOutput<const N: usize> {
     distance: f32,
     color: Vec3,
     /// The point that is meant, in the octave's coordinates.
     position: [f32; N],
 }
 
-impl<const N: usize> Found<N> {
+impl<const N: usize> VoronoiOutput<N> {
     const NOTHING: Self = Self { distance: 0.0, color: Vec3::ZERO, position: [0.0; N] };
 
     fn mix(&self, other: &Self, t: f32) -> Self {
@@ -77,18 +77,18 @@ impl Voronoi {
         self.detail != 0.0 && self.roughness != 0.0
     }
 
-    fn octaves<const N: usize>(&self, at: [f32; N]) -> Found<N> {
+    fn octaves<const N: usize>(&self, at: [f32; N]) -> VoronoiOutput<N> {
         let reach = 0.5 + 0.5 * self.randomness;
         let farthest = if self.feature == VoronoiFeature::F2 { 2.0 } else { 1.0 }
             * if N == 1 { reach } else { self.length([reach; N]) };
         let mut total = 0.0;
-        let mut found = Found::NOTHING;
+        let mut found = VoronoiOutput::NOTHING;
         if self.is_fractal() {
             let (mut amplitude, mut frequency) = (1.0, 1.0);
             for octave in 0..=self.detail.ceil() as u32 {
                 let part = (self.detail - octave as f32 + 1.0).min(1.0);
                 let one = self.nearest(scale(at, frequency));
-                let more = Found {
+                let more = VoronoiOutput {
                     distance: found.distance + one.distance * amplitude,
                     color: found.color + one.color * amplitude,
                     position: mix(found.position, scale(one.position, frequency.recip()), amplitude),
@@ -107,7 +107,7 @@ impl Voronoi {
             found.color /= total;
         }
         let shrink = if self.scale == 0.0 { 0.0 } else { self.scale.recip() };
-        Found { position: scale(found.position, shrink), ..found }
+        VoronoiOutput { position: scale(found.position, shrink), ..found }
     }
 
     /// Distances to edges shrink with each octave, and the smallest counts.
@@ -132,7 +132,7 @@ impl Voronoi {
     }
 
     /// One octave of a feature that has a colour and a position.
-    fn nearest<const N: usize>(&self, at: [f32; N]) -> Found<N> {
+    fn nearest<const N: usize>(&self, at: [f32; N]) -> VoronoiOutput<N> {
         match self.feature {
             VoronoiFeature::SmoothF1 if self.smoothness != 0.0 => self.smooth(at),
             feature => self.ranked(at, feature == VoronoiFeature::F2),
@@ -140,7 +140,7 @@ impl Voronoi {
     }
 
     /// The nearest point, or the second nearest one.
-    fn ranked<const N: usize>(&self, at: [f32; N], second: bool) -> Found<N> {
+    fn ranked<const N: usize>(&self, at: [f32; N], second: bool) -> VoronoiOutput<N> {
         let nowhere = Candidate { cell: [0.0; N], position: [0.0; N] };
         let (mut first, mut next) = ((f32::MAX, nowhere), (f32::MAX, nowhere));
         let (cell, inside) = split(at);
@@ -154,17 +154,17 @@ impl Voronoi {
         });
         let (distance, chosen) = if second { next } else { first };
         let color = if self.colored { self.color(chosen.cell) } else { Vec3::ZERO };
-        Found { distance, color, position: add(chosen.position, cell) }
+        VoronoiOutput { distance, color, position: add(chosen.position, cell) }
     }
 
     /// The polynomial smooth minimum of all points about (Inigo Quilez, "Smooth Minimum").
-    fn smooth<const N: usize>(&self, at: [f32; N]) -> Found<N> {
+    fn smooth<const N: usize>(&self, at: [f32; N]) -> VoronoiOutput<N> {
         let (cell, inside) = split(at);
-        let mut found: Option<Found<N>> = None;
+        let mut found: Option<VoronoiOutput<N>> = None;
         self.for_each_cell::<2, N>(cell, |candidate| {
             let distance = self.distance(candidate.position, inside);
             let color = if self.colored { self.color(candidate.cell) } else { Vec3::ZERO };
-            let one = Found { distance, color, position: candidate.position };
+            let one = VoronoiOutput { distance, color, position: candidate.position };
             found = Some(match found {
                 None => one,
                 Some(known) => {
@@ -173,7 +173,7 @@ impl Voronoi {
                     let bulge = self.smoothness * t * (1.0 - t);
                     let outer = bulge / (1.0 + 3.0 * self.smoothness);
                     let mixed = known.mix(&one, t);
-                    Found {
+                    VoronoiOutput {
                         distance: mixed.distance - bulge,
                         color: mixed.color - outer,
                         position: mixed.position.map(|x| x - outer),
@@ -181,8 +181,8 @@ impl Voronoi {
                 }
             });
         });
-        let found = found.unwrap_or(Found::NOTHING);
-        Found { position: add(found.position, cell), ..found }
+        let found = found.unwrap_or(VoronoiOutput::NOTHING);
+        VoronoiOutput { position: add(found.position, cell), ..found }
     }
 
     /// Distance to the nearest plane half-way between the nearest point and another one.

@@ -14,22 +14,22 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.bake_folder import is_bake
-from ..core.diff import gain_between
-from ..core.pass_names import ALBEDO, COMBINED, DEPTH, LONGEST, NORMAL, STATIC, WORLD, light_passes
-from ..core.progress import progress_line
-from ..core.rows import NEUTRAL
-from ..core.words import grouped, listed
-from ..export import ExportOptions, trace_settings
-from ..export.camera import film_border, film_size, why_no_picture
-from ..export.left_out import left_out_of_scene
-from ..export.stop import ExportCancelled
-from .native import native
-from .reading.scene import scene_of_depsgraph
-from .shot import shot as shots
-from .shot.checks import folders_in_use
-from .shot.options import Options, options_of, remembered_bake
-from .workers.process import private_folder
+from ...core.bake_folder import is_bake
+from ...core.diff import gain_between
+from ...core.pass_names import ALBEDO, COMBINED, DEPTH, LONGEST, NORMAL, STATIC, WORLD, light_passes
+from ...core.progress import progress_line
+from ...core.rows import NEUTRAL
+from ...core.words import grouped, listed
+from ...export import ExportOptions, trace_settings
+from ...export.camera import film_border, film_size, why_no_picture
+from ...export.left_out import left_out_of_scene
+from ...export.stop import ExportCancelled
+from ..native import native
+from ..reading.scene import scene_of_depsgraph
+from ..shot import shot as shots
+from ..shot.checks import folders_in_use
+from ..shot.options import Options, options_of, remembered_bake
+from ..workers.process import private_folder
 
 ENGINE = "RELUME"
 """Identifier for `bpy.types.RenderSettings.engine`."""

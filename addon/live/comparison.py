@@ -14,10 +14,9 @@ from ..core.receivers import with_numbers
 from ..core.rows import mix_for
 from ..core.status import is_final
 from ..engine.shot import shot as shots
-from ..live import rows
-from ..live.scheduler import scheduler
 from ..viewport import compare
-from .looks import RelumeLook
+from . import rows
+from .scheduler import scheduler
 
 STEP_SECONDS = 1 / 30
 
@@ -31,7 +30,7 @@ class CompareError(Exception):
 class Comparison:
     """Collects the frames of one or two looks."""
 
-    def __init__(self, scene: bpy.types.Scene, looks: list[RelumeLook]):
+    def __init__(self, scene: bpy.types.Scene, looks: list[Any]):
         shot = shots.of(scene)
         if shot is None:
             raise CompareError("press Start first: looks are compared in the picture of a bake")
@@ -63,12 +62,13 @@ class Comparison:
         if len(self.frames) < len(self.requests):  # The next one, or the same again if a newer request won.
             self._ask()
             return True
-        compare.set_pair(scene, *[*self.frames, None][:2], scene.relume_view.compare, self.labels)
+        first, second = [*self.frames, None][:2]
+        compare.set_pair(scene, first, second, scene.relume_view.compare, self.labels)
         scheduler.request_picture(scene)
         return False
 
 
-def start(scene: bpy.types.Scene, looks: list[RelumeLook]) -> Comparison:
+def start(scene: bpy.types.Scene, looks: list[Any]) -> Comparison:
     """Begins to compare two looks, or one with the present picture. Raises CompareError or LookError."""
     comparison = _running[scene.session_uid] = Comparison(scene, looks)
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
@@ -88,7 +88,7 @@ def stop(scene: bpy.types.Scene) -> None:
     scheduler.request_picture(scene)
 
 
-def request_of(scene: bpy.types.Scene, shot: shots.Shot, look: RelumeLook) -> str:
+def request_of(scene: bpy.types.Scene, shot: shots.Shot, look: Any) -> str:
     """Request for the picture of a look, as it was when the look was made; without one, as for an imported look, its
     rows with the present lights."""
     if look.request:

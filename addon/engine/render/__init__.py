@@ -1,0 +1,1 @@
+"""Final renders with Relume as render engine."""
