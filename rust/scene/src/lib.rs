@@ -9,6 +9,7 @@ mod blender_light_inverse;
 mod builder;
 mod camera;
 mod damage;
+mod hair;
 mod hash;
 mod light;
 mod light_lanes;
@@ -32,6 +33,7 @@ pub use blender_light::{
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
 pub use glam;
+pub use hair::{HairComponent, HairModel, HairPigment, PrincipledHair};
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
 pub use material::{Input, Material, NodeId, Output};

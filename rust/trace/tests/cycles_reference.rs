@@ -117,6 +117,25 @@ fn closures_reflect_what_cycles_reflects() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
+#[test]
+fn hair_scatters_what_cycles_scatters() {
+    let mut failures = Vec::new();
+    for case in reference()["hair"].as_array().expect("a list") {
+        let scene = square(&case["nodes"]);
+        let (prepared, _) = PreparedMaterials::new(&scene);
+        let target: [f32; 2] = serde_json::from_value(case["target"].clone()).expect("two numbers");
+        let direction = vec3(&case["direction"]).normalize();
+        let surface = look(&scene, &prepared, Vec2::from(target), direction, 1e-4);
+        let (ours, cycles) = (reflected(&surface, 100_000), vec3(&case["mean"]));
+        let difference = ((ours - cycles) / (cycles + 0.02)).abs().max_element();
+        if difference > 0.02 {
+            let (name, direction) = (&case["name"], &case["direction"]);
+            failures.push(format!("{name} {direction}: {ours} and {cycles}, {difference:.3}"));
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
 /// Relative error that a case may have.
 fn tolerance(name: &str) -> f32 {
     // Sheen is a closed-form fit here and a table there.

@@ -30,11 +30,19 @@ PRINCIPLED = {
     "distribution": "multi_ggx",
 }  # fmt: skip
 
+HAIR = {
+    "type": "principled_hair", "model": "chiang", "pigment": "melanin", "color": [0.5, 0.3, 0.1], "melanin": 0.4,
+    "melanin_redness": 0.6, "tint": [1.0, 1.0, 1.0], "absorption_coefficient": [0.1, 0.3, 0.8], "aspect_ratio": 1.0,
+    "roughness": 0.3, "radial_roughness": 0.4, "coat": 0.0, "ior": 1.55, "offset": 0.1, "random_color": 0.0,
+    "random_roughness": 0.0, "random": None, "reflection": 1.0, "transmission": 1.0, "secondary_reflection": 1.0,
+}  # fmt: skip
+
 SHADERS = {
     "principled": "ShaderNodeBsdfPrincipled", "diffuse": "ShaderNodeBsdfDiffuse", "glossy": "ShaderNodeBsdfAnisotropic",
     "single_scattering_diffuse": "ShaderNodeBsdfDiffuse",
     "glass": "ShaderNodeBsdfGlass", "refraction": "ShaderNodeBsdfRefraction",
     "translucent": "ShaderNodeBsdfTranslucent", "transparent": "ShaderNodeBsdfTransparent",
+    "principled_hair": "ShaderNodeBsdfHairPrincipled", "hair_bsdf": "ShaderNodeBsdfHair",
     "emission": "ShaderNodeEmission", "mix_shader": "ShaderNodeMixShader", "add_shader": "ShaderNodeAddShader",
 }  # fmt: skip
 VALUES = {
@@ -53,7 +61,7 @@ PROPERTIES = {
     "distribution": "distribution", "operation": "operation", "clamp": "use_clamp", "data": "data_type",
     "blend": "blend_type", "clamp_factor": "clamp_factor", "clamp_result": "clamp_result", "kind": "vector_type",
     "mode": "mode", "space": "space", "invert": "invert", "interpolation": "interpolation_type",
-    "extension": "extension",
+    "extension": "extension", "model": "model", "pigment": "parametrization", "component": "component",
 }  # fmt: skip
 OUTPUTS = {
     "color": "Color", "value": "Value", "vector": "Vector", "normal": "Normal", "fresnel": "Fresnel",
@@ -67,7 +75,7 @@ def principled(**changes):
 
 
 def socket_name(field):
-    special = {"ior": "IOR", "specular_ior_level": "Specular IOR Level", "coat_ior": "Coat IOR", "factor": "Fac"}
+    special = {"roughness_u": "RoughnessU", "roughness_v": "RoughnessV", "ior": "IOR", "specular_ior_level": "Specular IOR Level", "coat_ior": "Coat IOR", "factor": "Fac"}
     return special.get(field, field.replace("_", " ").title())
 
 
@@ -113,7 +121,8 @@ def set_property(node, field, value):
     elif node.bl_idname == "ShaderNodeTexImage":
         setattr(node, field, {"linear": "Linear", "closest": "Closest", "cubic": "Cubic"}.get(value, value.upper()))
     else:
-        setattr(node, name, value.upper() if isinstance(value, str) else value)
+        cased = str.title if field == "component" else str.upper
+        setattr(node, name, cased(value) if isinstance(value, str) else value)
 
 
 def build(tree, nodes):
@@ -133,7 +142,8 @@ def build(tree, nodes):
             if field in settings or value is None:
                 continue
             # Blender hides sockets that the node's mode does not use.
-            hidden = field in ("diffuse_roughness", "scale", "steps", "location") or spec["type"] == "procedural"
+            hidden = field in ("diffuse_roughness", "scale", "steps", "location")
+            hidden = hidden or spec["type"] in ("procedural", "principled_hair")
             if hidden and socket_name(field) not in node.inputs:
                 continue
             socket = input_of(node, field)
@@ -289,6 +299,23 @@ def closure_graphs():
     yield "weakly bent principled", [weak, {**PRINCIPLED, "normal": normal}]
 
 
+def hair_graphs():
+    """Hair on a mesh, whose tangents differ from triangle to triangle."""
+    for pigment in ("melanin", "color", "absorption"):
+        yield f"hair {pigment}", [{**HAIR, "pigment": pigment}]
+    yield "hair white", [{**HAIR, "pigment": "color", "color": [1.0, 1.0, 1.0], "roughness": 0.15}]
+    yield "hair rough", [{**HAIR, "roughness": 0.8, "radial_roughness": 0.7, "ior": 1.3, "random_roughness": 0.4}]
+    for roughness in (0.15, 0.4):
+        huang = {"model": "huang", "roughness": roughness}
+        yield f"hair huang {roughness}", [{**HAIR, **huang}]
+    yield "hair huang white", [{**HAIR, "model": "huang", "pigment": "color", "color": [1.0, 1.0, 1.0]}]
+    parts = {"model": "huang", "reflection": 0.5, "transmission": 0.3, "secondary_reflection": 2.0}
+    yield "hair huang parts", [{**HAIR, **parts}]
+    lobe = {"type": "hair_bsdf", "color": [0.8, 0.5, 0.2], "offset": 0.2, "roughness_u": 0.3, "roughness_v": 0.4}
+    for component in ("reflection", "transmission"):
+        yield f"hair {component}", [{**lobe, "component": component, "tangent": None}]
+
+
 def link(node, output):
     return {"node": node, "output": output}
 
@@ -396,6 +423,21 @@ def measure_closures():
                 yield {"name": name, "nodes": nodes, "direction": seen, "mean": mean}
 
 
+def measure_hair():
+    """As `measure_closures`, within the triangle below the diagonal alone."""
+    for name, nodes in hair_graphs():
+        if not is_wanted(name):
+            continue
+        for direction in views():
+            target = [0.4, -0.4]
+            setup = scene(nodes, direction, 0.2, 4096, 8)
+            setup.camera.location += mathutils.Vector((*target, 0.0))
+            world(setup.world.node_tree)
+            values = render(setup, 8)
+            mean = [sum(v[i] for v in values) / len(values) for i in range(3)]
+            yield {"name": name, "nodes": nodes, "direction": direction, "target": target, "mean": mean}
+
+
 def texture_graphs():
     uv = {"type": "uv_map", "name": "UVMap"}
     scaled = {"type": "vector_math", "operation": "MULTIPLY_ADD", "a": link(0, "vector"), "b": [2.6, 2.3, 0.0],
@@ -454,6 +496,8 @@ def main():
         "blender": known["blender"] if sys.argv[1:] else bpy.app.version_string,
         "closures": merged(known["closures"], closures),
         "values": merged(known["values"], values),
+        # Measured in Blender 5.3: the model of Huang et al. is mended from 4.5 on.
+        "hair": merged(known.get("hair", []), list(measure_hair())),
     }
     with open(path, "w", encoding="utf-8") as file:
         json.dump(result, file, indent=None, separators=(",", ":"))
