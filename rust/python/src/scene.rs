@@ -389,7 +389,8 @@ fn regrouped<'a, T: bytemuck::AnyBitPattern>(
 }
 
 fn summary(scene: &scene::Scene) -> serde_json::Value {
-    let triangles = |instance: &scene::Instance| scene.mesh(instance.geometry).map_or(0, |mesh| mesh.triangles.len());
+    let triangles =
+        |instance: &scene::Instance| scene.mesh(instance.geometry).map_or(0, |mesh| mesh.triangles.len());
     serde_json::json!({
         "camera": scene.camera,
         "lights": scene.lights,
