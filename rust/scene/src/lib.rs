@@ -9,6 +9,7 @@ mod blender_light_inverse;
 mod builder;
 mod camera;
 mod damage;
+mod geometry;
 mod hair;
 mod hash;
 mod light;
@@ -32,6 +33,7 @@ pub use blender_light::{
 };
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
+pub use geometry::Geometry;
 pub use glam;
 pub use hair::{HairComponent, HairModel, HairPigment, PrincipledHair};
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
@@ -61,7 +63,7 @@ pub struct Scene {
     pub camera: Camera,
     /// Each evaluated mesh once.
     pub meshes: Vec<Mesh>,
-    /// Instances of meshes.
+    /// Instances of geometry.
     pub instances: Vec<Instance>,
     /// Shader graphs, referred to by [`Instance::materials`].
     pub materials: Vec<Material>,

@@ -111,9 +111,9 @@ impl ShadingContext<'_> {
 
     /// Edges from the triangle's first corner, in world space, turned over where its back is seen.
     fn edges(&self) -> [Vec3; 2] {
-        let mesh = self.mesh();
-        let [a, b, c] =
-            mesh.triangles[self.point.triangle as usize].map(|vertex| mesh.positions[vertex as usize]);
+        let Some(mesh) = self.mesh() else { return [Vec3::X; 2] };
+        let corners = mesh.triangles[self.point.primitive as usize];
+        let [a, b, c] = corners.map(|vertex| mesh.positions[vertex as usize]);
         let side = if self.point.backfacing { -1.0 } else { 1.0 };
         [b - a, c - a].map(|edge| self.instance().world_from_object.transform_vector3(edge) * side)
     }
