@@ -177,7 +177,7 @@ fn chi_squared_deviation(observed: &[f64], expected: &[f64]) -> f64 {
     ((statistic / cells).powf(1.0 / 3.0) - (1.0 - spread)) / spread.sqrt()
 }
 
-pub(super) fn assert_sampler_follows_density(name: &str, surface: &Surface) {
+fn assert_sampler_follows_density(name: &str, surface: &Surface) {
     const SAMPLES: usize = 40_000;
     let probabilities = cell_probabilities(surface);
     let total: f64 = probabilities.iter().sum();

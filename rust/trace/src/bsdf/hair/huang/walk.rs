@@ -85,6 +85,13 @@ impl Interface {
         Some(Self { gamma, outline, mean, from, cos, ior, facets, scale })
     }
 
+    /// Projected area of the scales along a direction, over that of the outline which they lie on. The model's value is a mean
+    /// over scales, so that tilted ones make it brighter or darker for rays along the fibre.
+    fn tilted_area(&self, direction: Vec3) -> f32 {
+        let ratio = self.mean.dot(direction) / self.outline.dot(direction);
+        if ratio.is_finite() { ratio.clamp(0.25, 4.0) } else { 1.0 }
+    }
+
     /// Smith's masking of a direction at `cos` to the mean normal.
     fn lambda(&self, cos: f32) -> f32 {
         let cos = cos.abs().clamp(1e-4, 1.0);
@@ -151,6 +158,8 @@ impl Interface {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Walk {
     entry: Interface,
+    /// Factor on all values for the area of the scales.
+    area: f32,
 }
 
 /// Piece of the way within the fibre.
@@ -189,7 +198,8 @@ struct Through {
 impl Walk {
     /// Way from the place `gamma` of the outline; nothing if that is turned away.
     pub fn new(hair: &Huang, gamma: f32) -> Option<Self> {
-        Some(Self { entry: Interface::new(hair, gamma, hair.tilt, hair.wo, hair.ior)? })
+        let entry = Interface::new(hair, gamma, hair.tilt, hair.wo, hair.ior)?;
+        Some(Self { entry, area: entry.tilted_area(hair.wo) })
     }
 
     fn through(&self, hair: &Huang, facet: &Facet) -> Option<Through> {
@@ -198,7 +208,8 @@ impl Walk {
             return None;
         }
         let second = Inside::new(hair, self.entry.gamma, direction)?;
-        let entered = (1.0 - facet.reflectance) * self.entry.scale * unmasked;
+        let area = second.interface.tilted_area(-direction) / self.entry.tilted_area(-direction);
+        let entered = (1.0 - facet.reflectance) * self.entry.scale * unmasked * self.area * area;
         Some(Through { weight: second.transmittance * entered, second })
     }
 
@@ -207,7 +218,7 @@ impl Walk {
         let mut exits = [Exit::default(); 4];
         let Some(first) = self.entry.facet(random.pair()) else { return exits };
         let [reflection, transmission, internal] = hair.factors;
-        let reflected = reflection * first.reflectance * self.entry.scale * first.reflected.1;
+        let reflected = reflection * first.reflectance * self.entry.scale * first.reflected.1 * self.area;
         exits[0] = Exit { direction: first.reflected.0, weight: Vec3::splat(reflected) };
         let Some(through) = self.through(hair, &first) else { return exits };
         let second = &through.second.interface;
@@ -228,7 +239,7 @@ impl Walk {
     /// Value of light from `wi` that is reflected, transmitted or internally reflected, and weight of the rest.
     pub fn towards(&self, hair: &Huang, wi: Vec3, random: &mut Randoms) -> (Vec3, Vec3) {
         let [reflection, transmission, internal] = hair.factors;
-        let mut value = Vec3::splat(reflection * self.entry.eval(wi, true));
+        let mut value = Vec3::splat(reflection * self.area * self.entry.eval(wi, true));
         let Some(first) = self.entry.facet(random.pair()) else { return (value, Vec3::ZERO) };
         let Some(through) = self.through(hair, &first) else { return (value, Vec3::ZERO) };
         value += through.weight * (transmission * through.second.interface.eval(wi, false));
@@ -249,7 +260,8 @@ impl Through {
             return None;
         }
         let third = Inside::new(hair, self.second.outward(), direction)?;
-        let reflected = facet.reflectance * self.second.interface.scale * unmasked;
+        let area = third.interface.tilted_area(-direction) / self.second.interface.tilted_area(direction);
+        let reflected = facet.reflectance * self.second.interface.scale * unmasked * area;
         Some((self.weight * third.transmittance * reflected, third))
     }
 }
