@@ -117,8 +117,8 @@ fn closures_reflect_what_cycles_reflects() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// Names of the cases of hair where what is `seen` of the surface is not what Cycles has, up to a percent, or a relative
-/// tolerance for Huang's model, which Cycles integrates coarsely.
+/// Names of the cases of hair where what is `seen` of the surface is not what Cycles has, up to a relative tolerance, another
+/// one for Huang's model, which Cycles integrates coarsely.
 fn differing_hair(list: &str, of_huang: f32, seen: impl Fn(&Surface, &Value) -> Vec3) -> Vec<String> {
     let mut failures = Vec::new();
     for case in reference()[list].as_array().expect("a list") {
@@ -128,9 +128,9 @@ fn differing_hair(list: &str, of_huang: f32, seen: impl Fn(&Surface, &Value) -> 
         let direction = vec3(&case["direction"]).normalize();
         let surface = look(&scene, &prepared, Vec2::from(target), direction, 1e-4);
         let (ours, cycles) = (seen(&surface, case), vec3(&case["mean"]));
-        let difference = ((ours - cycles) / (cycles + 0.01)).abs().max_element();
+        let difference = ((ours - cycles) / (cycles + 0.02)).abs().max_element();
         let is_huang = case["nodes"][0]["model"] == "huang";
-        if difference > if is_huang { of_huang } else { 0.01 } {
+        if difference > if is_huang { of_huang } else { 0.015 } {
             let (name, towards) = (&case["name"], &case["towards"]);
             failures.push(format!("{name} {direction} {towards}: {ours} and {cycles}, {difference:.3}"));
         }

@@ -75,7 +75,14 @@ def principled(**changes):
 
 
 def socket_name(field):
-    special = {"roughness_u": "RoughnessU", "roughness_v": "RoughnessV", "ior": "IOR", "specular_ior_level": "Specular IOR Level", "coat_ior": "Coat IOR", "factor": "Fac"}
+    special = {
+        "roughness_u": "RoughnessU",
+        "roughness_v": "RoughnessV",
+        "ior": "IOR",
+        "specular_ior_level": "Specular IOR Level",
+        "coat_ior": "Coat IOR",
+        "factor": "Fac",
+    }
     return special.get(field, field.replace("_", " ").title())
 
 
