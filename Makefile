@@ -129,9 +129,10 @@ bench-gpu: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/graphics.py $(BENCH_GPU)
 
-# Against Cycles on the real scenes; PARITY="--scenes cornell_box --sets 2" for less.
+# Against Cycles on the real scenes; PARITY="--scenes cornell_box --sets 2" for less, "--features --version 5.3" for the scenes of one
+# feature in another Blender. Keeps docs/bench/parity.json and the page beside it.
 parity: wheel
-	@scripts/install-wheel "$(WHEELS)" 4.2
+	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
 	$(PYTHON) scripts/parity/run.py --folder "$(SCENES)" $(PARITY)
 
 # Small files that strangers might make, against Cycles in the oldest, the next and the newest Blender that are set up here;
