@@ -66,11 +66,11 @@ test: setup
 	@$(MAKE) --no-print-directory test-rust test-python test-blender window AT_ONCE=2
 
 test-rust: check-rust
-	$(TIMED) "Rust tests" $(CARGO) test --workspace $(PROFILE)
-# On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of the device and of matrices, and those of
-# the whole chain.
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test --workspace $(PROFILE) --lib -- device driver matrices
-	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test --workspace $(PROFILE) --test gpu
+# Benchmarks are tested by name: cargo test -p relume-bench.
+	$(TIMED) "Rust tests" $(CARGO) test --workspace --exclude relume-bench $(PROFILE)
+# On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of matrices, and those of the whole chain.
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) --lib -- matrices
+	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) --test gpu
 	@[ -z "$$CI" ] || rm -rf target/tmp
 
 test-python: wheel check-python

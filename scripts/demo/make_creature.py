@@ -8,8 +8,9 @@ import random
 import sys
 
 import bpy
-from make_scene import add, add_camera, add_light, add_room, material, set_up
 from mathutils import Vector
+
+from make_scene import add, add_camera, add_light, add_room, material, set_up
 
 STRANDS, KEYS = 6000, 8
 

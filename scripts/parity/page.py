@@ -4,18 +4,19 @@ from markdown import rows
 
 TEXT = """# Parity with Cycles
 
-{within} of {all} light sets are within limits. Made from `parity.json` by `make parity`; `PARITY="--features --version 5.3"`
-runs the scenes of one feature in another Blender.
+{within} of {all} light sets are within limits. Made from `parity.json` by `make parity`;
+`PARITY="--features --version 5.3"` runs the scenes of one feature in another Blender.
 
-A picture by Relume and one by Cycles are compared by means of blocks of 8 x 8 pixels. Figures are the worst of a scene's
-light sets, each of six random lights, one of a kind. A set is within limits if one of these holds:
+A picture by Relume and one by Cycles are compared by means of blocks of 8 x 8 pixels. Figures are the worst of a
+scene's light sets, each of six random lights, one of a kind. A set is within limits if one of these holds:
 
 - the median difference is at most {median:.0%} and the 95th percentile at most {p95:.0%};
 - at most {beyond:.0%} of the blocks differ by more than three standard errors and 0.5 %.
 
 {table}
 """
-HEAD = ["scene", "Blender", "date", "sets", "median", "p95", "mean ratio", "noise of Cycles, p95", "beyond noise", "verdict"]
+FIGURES = ("median", "p95", "mean ratio", "noise of Cycles, p95", "beyond noise")
+HEAD = ["scene", "Blender", "date", "sets", *FIGURES, "verdict"]
 
 
 def text(records, median, p95, beyond):

@@ -2,9 +2,10 @@
 
 Paths know no lights, so each scene is baked without lights, and every light set is only gathered. Both sides use the
 file's bounce limits and pixel filter, no denoiser, no clamping. Each side makes two pictures with different seeds:
-their means are compared, and the difference between the two shows each side's own noise. A run replaces the records of
-its scenes and Blender version in `docs/bench/parity.json`, keeps the others, and writes the page beside it anew. Runs in
-a Python with `bpy` and `relume`; `--version` passes the run on to the environment of another Blender.
+their means are compared, and the difference between the two shows each side's own noise.
+
+A run replaces the records of its scenes and Blender version in `docs/bench/parity.json`, keeps the others, and writes
+the page beside it anew. Runs in a Python with `bpy` and `relume`; `--version` passes it on to another Blender's.
 """
 
 import argparse
@@ -41,6 +42,7 @@ MOST_BEYOND_NOISE = 0.01
 """Share of the blocks that may differ by more than noise explains; three standard errors are left by 0.3 %."""
 FEATURE_SIZE = 64, 48
 RECORDS = ROOT / "docs/bench/parity.json"
+VERSION = f"{bpy.app.version[0]}.{bpy.app.version[1]}"
 
 
 def open_scene(folder, name, pixels):
@@ -103,12 +105,11 @@ def parity(scene, name, relighters, seed, args):
     result, noise, gather_noise = (compare.summary(*pair) for pair in ((ours, cycles), renders, gathers))
     beyond_noise = compare.share_beyond_noise(gathers, renders)
     within = result["median"] <= MEDIAN_LIMIT and result["p95"] <= P95_LIMIT or beyond_noise <= MOST_BEYOND_NOISE
-    version = "%d.%d" % bpy.app.version[:2]
-    write_pictures(args.out / "parity", f"{name}_{seed}_{version}", ours, cycles)
+    write_pictures(args.out / "parity", f"{name}_{seed}_{VERSION}", ours, cycles)
     blamed = [] if within else blame.worst_materials(scene, gathers, renders)
     return {
         "scene": name,
-        "version": version,
+        "version": VERSION,
         "date": datetime.date.today().isoformat(),
         "seed": seed,
         "own_lights": seed == 0,
@@ -129,9 +130,8 @@ def parity(scene, name, relighters, seed, args):
 def keep(new, name):
     """Replaces the records of a scene in this Blender, and the page."""
     records = json.loads(RECORDS.read_text()) if RECORDS.exists() else []
-    version = new[0]["version"]
-    records = [record for record in records if (record["scene"], record["version"]) != (name, version)] + new
-    records.sort(key=lambda record: (record["scene"], [int(part) for part in record["version"].split(".")], record["seed"]))
+    records = [record for record in records if (record["scene"], record["version"]) != (name, VERSION)] + new
+    records.sort(key=lambda record: (record["scene"], [*map(int, record["version"].split("."))], record["seed"]))
     RECORDS.write_text(json.dumps(records, indent=1) + "\n")
     RECORDS.with_suffix(".md").write_text(page.text(records, MEDIAN_LIMIT, P95_LIMIT, MOST_BEYOND_NOISE))
 
@@ -159,7 +159,7 @@ def parse_arguments():
 def main():
     """Compares every scene under every light set: a table, `docs/bench/parity.json` and pictures."""
     args = parse_arguments()
-    if args.version and args.version != "%d.%d" % bpy.app.version[:2]:
+    if args.version and args.version != VERSION:
         python = ROOT / f".venv-{args.version}/bin/python"
         os.execv(python, [str(python), *sys.argv])
     files = [args.folder / f"{name}.blend" for name in args.scenes if name not in features.SCENES]

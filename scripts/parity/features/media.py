@@ -93,7 +93,8 @@ def milky_liquid(scene):
 
 def overlapping(scene):
     """Two cubes of fog that overlap, one of them tinted by what it absorbs."""
-    stage.add_box(scene, "Left", 1.6, stage.volume("Left", Color=(0.9, 0.9, 0.9, 1.0), Density=0.8)[0], (-0.5, 0.0, 0.0))
+    fog = stage.volume("Left", Color=(0.9, 0.9, 0.9, 1.0), Density=0.8)[0]
+    stage.add_box(scene, "Left", 1.6, fog, (-0.5, 0.0, 0.0))
     absorber = stage.volume("Right", "ShaderNodeVolumeAbsorption", Color=(0.3, 0.3, 0.3, 1.0), Density=0.7)[0]
     stage.add_box(scene, "Right", 1.6, absorber, (0.5, 0.3, 0.1))
     _scatter_often(scene)

@@ -10,8 +10,10 @@ import stage as hunt
 def set_up(width, height):
     """A new file with a floor, a wall behind and a camera that looks at the space above the origin."""
     scene = hunt.empty_scene(width, height)
-    floor = hunt.add(scene, "Floor", hunt.square("Floor", 6.0, hunt.plain_material("Floor", Color=(0.6, 0.6, 0.55, 1.0))))
-    wall = hunt.add(scene, "Wall", hunt.square("Wall", 6.0, hunt.plain_material("Wall", Color=(0.7, 0.45, 0.35, 1.0))))
+    floor, wall = (
+        hunt.add(scene, name, hunt.square(name, 6.0, hunt.plain_material(name, Color=color)))
+        for name, color in (("Floor", (0.6, 0.6, 0.55, 1.0)), ("Wall", (0.7, 0.45, 0.35, 1.0)))
+    )
     wall.location, wall.rotation_euler = (0.0, 2.0, 1.0), (math.pi / 2, 0.0, 0.0)
     floor.location.z = -1.0
     hunt.add_camera(scene, (0.0, -5.0, 1.4), (1.35, 0.0, 0.0))
