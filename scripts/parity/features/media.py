@@ -1,7 +1,6 @@
 """Feature scenes of fog, liquids and clouds. Needs `bpy`."""
 
 import bpy
-import numpy as np
 
 from . import stage
 
@@ -199,33 +198,6 @@ def _add_voxels(scene, kind):
     return node
 
 
-def smoke_domain(scene):
-    """A gas domain that a short simulation has filled from a ball."""
-    source = stage.add_ball(scene, "Source", 0.25, stage.hunt.plain_material("Source"), (0.0, 0.0, -0.5))
-    flow = source.modifiers.new("Fluid", "FLUID")
-    flow.fluid_type = "FLOW"
-    flow.flow_settings.flow_type, flow.flow_settings.flow_behavior = "SMOKE", "INFLOW"
-    source.hide_render = True
-    smoke = stage.volume("Smoke", "ShaderNodeVolumePrincipled", Color=(0.9, 0.9, 0.9, 1.0), Density=4.0)[0]
-    domain = stage.add_box(scene, "Domain", 2.0, smoke)
-    fluid = domain.modifiers.new("Fluid", "FLUID")
-    fluid.fluid_type = "DOMAIN"
-    settings = fluid.domain_settings
-    settings.domain_type, settings.resolution_max, settings.cache_type = "GAS", 24, "REPLAY"
-    settings.cache_frame_end = 20
-    for frame in range(1, 15):
-        scene.frame_set(frame)
-    _scatter_often(scene)
-    stage.step_finely(scene)
-
-
-def has_smoke(scene):
-    """True if the gas domain of a scene holds any density."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    settings = scene.objects["Domain"].evaluated_get(depsgraph).modifiers["Fluid"].domain_settings
-    return bool(np.asarray(settings.density_grid).any())
-
-
 SCENES = {
     build.__name__: build
     for build in (
@@ -244,7 +216,6 @@ SCENES = {
         cloud,
         voxel_cube,
         glowing_cloud,
-        smoke_domain,
         phase_functions,
     )
 }
