@@ -114,7 +114,7 @@ impl Surface {
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
         self.wo = point.wo;
-        self.sides = SideNormals { geometric: point.geometric_normal, shading: point.shading_normal };
+        self.sides = SideNormals { geometric: point.horizon_normal(), shading: point.shading_normal };
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
     }

@@ -39,6 +39,7 @@ fn facing(wo: Vec3) -> Surface {
         barycentrics: [0.3, 0.3],
         ray_length: 1.0,
         footprint: 1e-3,
+        strand: None,
     };
     let mut surface = Surface::default();
     surface.reset(&point);

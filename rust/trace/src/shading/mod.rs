@@ -14,6 +14,7 @@ mod point;
 mod prepared;
 mod principled;
 mod procedural;
+mod strands;
 mod tangents;
 #[cfg(test)]
 mod tests;
@@ -21,6 +22,7 @@ mod texture;
 mod values;
 
 pub use constant::constant_emission;
-pub use point::{Hit, SurfacePoint};
+pub use point::{Hit, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;
+pub use strands::{PointInfo, StrandInfo};
 pub(crate) use texture::equirectangular;
