@@ -33,7 +33,8 @@ pub fn measure((hairs, count): (usize, usize)) -> Result<Vec<FigureRecord>> {
         let start = Instant::now();
         let bvh = SceneBvh::new(&scene)?;
         let built = start.elapsed().as_secs_f64();
-        let figure = |what: &str, value, unit| Figure::new(format!("{what}, {hairs} {name}"), value, unit).into();
+        let figure =
+            |what: &str, value, unit| Figure::new(format!("{what}, {hairs} {name}"), value, unit).into();
         records.push(figure("tree build", built, "s"));
         records.push(figure("tree", bvh.bytes() as f64 / hairs as f64, "bytes/strand"));
         let rays = camera_rays(&scene);

@@ -125,7 +125,8 @@ impl Curves {
         };
         if let Some(key) = self.keys.iter().position(|key| !key.is_finite()) {
             Some(format!("key {key} is not a finite number; remove its strand or the modifier that made it"))
-        } else if let Some(key) = self.radii.iter().position(|radius| !(*radius >= 0.0 && radius.is_finite())) {
+        } else if let Some(key) = self.radii.iter().position(|radius| !(*radius >= 0.0 && radius.is_finite()))
+        {
             Some(format!("the radius of key {key} is not a positive number"))
         } else if subdivisions > StrandShape::MOST_SUBDIVISIONS {
             Some(format!("its ribbons are subdivided more than {} times", StrandShape::MOST_SUBDIVISIONS))
@@ -156,5 +157,52 @@ impl StrandLengths {
     /// Share of the curve's length before the place `u` of the span, 0 at the root and 1 at the tip.
     pub fn intercept(&self, u: f32) -> f32 {
         if self.total > 0.0 { (self.before + (self.after - self.before) * u) / self.total } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A strand of three keys and one of two.
+    fn two() -> Curves {
+        let keys = vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 3.0, 0.0), Vec3::Z, Vec3::ONE];
+        Curves { keys, radii: vec![0.1; 5], first_keys: vec![0, 3, 5], ..Curves::default() }
+    }
+
+    #[test]
+    fn keys_belong_to_their_curve_and_spans_end_at_its_ends() {
+        let curves = two();
+        assert_eq!([0, 1, 2, 3, 4].map(|key| curves.curve_of(key)), [0, 0, 0, 1, 1]);
+        assert_eq!(curves.span_count(), 3);
+        let places = curves.span(1).map(|key| key.truncate());
+        assert_eq!(places, [curves.keys[0], curves.keys[1], curves.keys[2], curves.keys[2]]);
+        let places = curves.span(3).map(|key| key.truncate());
+        assert_eq!(places, [curves.keys[3], curves.keys[3], curves.keys[4], curves.keys[4]]);
+    }
+
+    #[test]
+    fn intercepts_go_by_length() {
+        let lengths = two().lengths(0, 1);
+        assert_eq!(lengths, StrandLengths { total: 4.0, before: 1.0, after: 4.0 });
+        assert_eq!([0.0, 0.5, 1.0].map(|u| lengths.intercept(u)), [0.25, 0.625, 1.0]);
+    }
+
+    #[test]
+    fn faults_are_told_in_words() {
+        let changes: [(fn(&mut Curves), &str); 6] = [
+            (|curves| curves.keys[1].y = f32::NAN, "key 1"),
+            (|curves| curves.radii[2] = -1.0, "radius of key 2"),
+            (|curves| curves.first_keys[1] = 9, "length"),
+            (|curves| curves.first_keys = vec![], "length"),
+            (|curves| curves.generated = vec![Vec3::ZERO], "length"),
+            (|curves| curves.shape = StrandShape::Ribbon { subdivisions: 40 }, "subdivided"),
+        ];
+        assert_eq!(two().fault(), None);
+        for (change, word) in changes {
+            let mut curves = two();
+            change(&mut curves);
+            assert!(curves.fault().is_some_and(|fault| fault.contains(word)), "{word}");
+        }
     }
 }

@@ -200,6 +200,34 @@ mod tests {
         assert_eq!(scene().hash(), scene().hash());
     }
 
+    #[test]
+    fn strands_and_points_change_the_hash_and_are_told_apart() {
+        let haired = || Scene {
+            curves: vec![Curves { keys: vec![Vec3::ZERO, Vec3::Z], ..Curves::default() }],
+            points: vec![Points { positions: vec![Vec3::ZERO], ..Points::default() }],
+            ..scene()
+        };
+        let changes: [fn(&mut Scene); 7] = [
+            |scene| scene.curves[0].keys[1].z = 2.0,
+            |scene| scene.curves[0].radii.push(0.1),
+            |scene| scene.curves[0].shape = crate::StrandShape::Linear,
+            |scene| scene.curves[0].first_number = 1,
+            |scene| scene.points[0].radii.push(0.1),
+            |scene| scene.instances[0].geometry = Geometry::Curves(0),
+            |scene| scene.instances[0].geometry = Geometry::Points(0),
+        ];
+        let mut hashes = vec![scene().hash(), haired().hash()];
+        for change in changes {
+            let mut changed = haired();
+            change(&mut changed);
+            hashes.push(changed.hash());
+        }
+        let count = hashes.len();
+        hashes.sort();
+        hashes.dedup();
+        assert_eq!(hashes.len(), count);
+    }
+
     fn texture(value: u8) -> Texture {
         let (encoding, alpha) = (crate::ColorEncoding::Linear, crate::Alpha::None);
         Texture {

@@ -24,7 +24,8 @@ impl Points {
         let fits = |len: usize| len == count;
         if let Some(point) = self.positions.iter().position(|position| !position.is_finite()) {
             Some(format!("point {point} is not a finite number; remove it or the modifier that made it"))
-        } else if let Some(point) = self.radii.iter().position(|radius| !(*radius >= 0.0 && radius.is_finite()))
+        } else if let Some(point) =
+            self.radii.iter().position(|radius| !(*radius >= 0.0 && radius.is_finite()))
         {
             Some(format!("the radius of point {point} is not a positive number"))
         } else if !fits(self.radii.len())

@@ -96,7 +96,9 @@ mod tests {
     #[test]
     fn splines_pass_through_their_keys_and_leave_them_along_their_neighbours() {
         let span = bent();
-        assert!((span.at(0.0) - span.keys[1]).length() < 1e-6 && (span.at(1.0) - span.keys[2]).length() < 1e-6);
+        assert!(
+            (span.at(0.0) - span.keys[1]).length() < 1e-6 && (span.at(1.0) - span.keys[2]).length() < 1e-6
+        );
         assert!((span.derivative(0.0) - 0.5 * (span.keys[2] - span.keys[0])).length() < 1e-6);
         assert!((span.derivative(1.0) - 0.5 * (span.keys[3] - span.keys[1])).length() < 1e-6);
     }

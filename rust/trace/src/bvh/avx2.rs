@@ -115,9 +115,8 @@ impl TraversalKernel for Avx2Ray {
             let across = _mm256_max_ps(flat(axis, axis), _mm256_set1_ps(f32::MIN_POSITIVE));
             let along = _mm256_div_ps(_mm256_xor_ps(flat(start, axis), sign), across);
             let along = _mm256_min_ps(_mm256_max_ps(along, zero), _mm256_set1_ps(1.0));
-            let nearest = [0, 1, 2].map(|axis_number| {
-                _mm256_fmadd_ps(axis[axis_number], along, start[axis_number])
-            });
+            let nearest =
+                [0, 1, 2].map(|axis_number| _mm256_fmadd_ps(axis[axis_number], along, start[axis_number]));
             let [x, y, z] = start.map(|coordinate| _mm256_andnot_ps(sign, coordinate));
             let reach = load(&block.reach);
             let size = _mm256_add_ps(_mm256_add_ps(x, y), z);

@@ -48,19 +48,24 @@ fn ray(random: &mut Random) -> Ray {
     Ray::new(origin, (random.point(1.0) - origin).normalize())
 }
 
-/// Distance to the nearest place of any strand whose axis passes the ray within this share of the radius.
+/// Distance to the nearest place of any strand whose axis passes the ray within this share of the radius. A ribbon is met
+/// where its axis passes nearest.
 fn nearest_within(curves: &Curves, ray: &Ray, share: f32, is_flat: bool) -> f32 {
     let keys = (0..curves.curve_count()).flat_map(|curve| curves.keys_of(curve).skip(1).map(|key| key - 1));
     let mut nearest = f32::INFINITY;
     for key in keys {
         let span = Span::new(curves.span(key), curves.shape);
-        for step in 1..100 {
+        let passes = |step: i32| {
             let at = span.at(step as f32 / 100.0);
             let to_axis = at.truncate() - ray.origin;
             let along = to_axis.dot(ray.direction);
-            let apart = (to_axis - ray.direction * along).length();
-            if apart < share * at.w {
-                let raised = if is_flat { 0.0 } else { (at.w * at.w - apart * apart).sqrt() };
+            (along, (to_axis - ray.direction * along).length(), at.w)
+        };
+        for step in 1..100 {
+            let (along, apart, radius) = passes(step);
+            let is_nearest = apart <= passes(step - 1).1 && apart <= passes(step + 1).1;
+            if apart < share * radius && (is_nearest || !is_flat) {
+                let raised = if is_flat { 0.0 } else { (radius * radius - apart * apart).sqrt() };
                 nearest = nearest.min(along - raised);
             }
         }
@@ -94,7 +99,12 @@ fn compare(shape: StrandShape, is_flat: bool) {
         let (position, radius) = (ray.origin + ray.direction * hit.distance, axis.w);
         let apart = position.distance(axis.truncate());
         let share = if is_flat { hit.barycentrics[1].abs() } else { 1.0 };
-        assert!((apart - share * radius).abs() < 0.05 * radius + 1e-4, "{shape:?}: {apart} of {radius}, {ray:?}");
+        // The pieces of a ribbon are straight, which shows most where it points to the camera.
+        let sag = if is_flat { 1e-3 } else { 1e-4 };
+        assert!(
+            (apart - share * radius).abs() < 0.05 * radius + sag,
+            "{shape:?}: {apart} of {radius}, {ray:?}"
+        );
         assert!(hit.distance < sure + 0.01, "{shape:?}: {} behind {sure}, {ray:?}", hit.distance);
     }
     assert!(hits > 300, "{hits}");
@@ -136,10 +146,16 @@ fn a_straight_strand_has_the_outline_and_normals_of_a_cylinder() {
             let Some(hit) = hit else { continue };
             let height = (0.01 - x * x).sqrt();
             if let StrandShape::Ribbon { .. } = shape {
-                assert!((hit.distance - 3.0).abs() < 1e-5 && (hit.barycentrics[1].abs() - x.abs() / 0.1).abs() < 1e-4);
+                assert!(
+                    (hit.distance - 3.0).abs() < 1e-5
+                        && (hit.barycentrics[1].abs() - x.abs() / 0.1).abs() < 1e-4
+                );
             } else {
                 assert!((hit.distance - 3.0 + height).abs() < 1e-4, "{shape:?} {x}");
-                assert!(hit.front.normalize().distance(Vec3::new(x, 0.0, height) / 0.1) < 2e-3, "{shape:?} {x}");
+                assert!(
+                    hit.front.normalize().distance(Vec3::new(x, 0.0, height) / 0.1) < 2e-3,
+                    "{shape:?} {x}"
+                );
             }
         }
     }
@@ -175,7 +191,8 @@ fn radii_scale_with_the_object() {
 #[test]
 fn rays_that_leave_a_strand_do_not_meet_it_again() {
     for shape in SHAPES {
-        let bvh = SceneBvh::new(&placed(tuft(shape, 40, 5), Affine3A::from_scale(Vec3::splat(0.01)))).unwrap();
+        let bvh =
+            SceneBvh::new(&placed(tuft(shape, 40, 5), Affine3A::from_scale(Vec3::splat(0.01)))).unwrap();
         let mut random = Random(3);
         for _ in 0..2000 {
             let mut ray = ray(&mut random);
@@ -187,7 +204,10 @@ fn rays_that_leave_a_strand_do_not_meet_it_again() {
             let position = ray.origin + ray.direction * hit.distance;
             let next = intersect(&bvh, &Ray { from, ..Ray::new(position, direction) });
             // The radius is 0.0002 to 0.0005.
-            assert!(next.is_none_or(|next| next.distance > 1e-4 || next.primitive != hit.primitive), "{shape:?}");
+            assert!(
+                next.is_none_or(|next| next.distance > 1e-4 || next.primitive != hit.primitive),
+                "{shape:?}"
+            );
         }
     }
 }
@@ -215,14 +235,16 @@ fn points_are_spheres_that_are_seen_from_outside() {
             let inside = f64::from(radius * radius) - (to_center.length_squared() - along * along);
             (inside > 0.0).then(|| along - inside.sqrt()).filter(|t| *t > 0.0)
         };
-        let nearest = points.positions.iter().zip(&points.radii).filter_map(enter).fold(f64::INFINITY, f64::min);
+        let nearest =
+            points.positions.iter().zip(&points.radii).filter_map(enter).fold(f64::INFINITY, f64::min);
         match intersect(&bvh, &ray) {
             Some(hit) => {
                 assert!((f64::from(hit.distance) - nearest).abs() < 1e-3, "{ray:?} {nearest}");
                 let center = points.positions[hit.primitive as usize];
                 let out = (ray.origin + ray.direction * hit.distance - center).normalize();
                 assert!(hit.front.normalize().distance(out) < 1e-3);
-                let again = Ray { from: Some((0, hit.primitive)), ..Ray::new(center + out * 0.049, ray.direction) };
+                let again =
+                    Ray { from: Some((0, hit.primitive)), ..Ray::new(center + out * 0.049, ray.direction) };
                 assert!(intersect(&bvh, &again).is_none_or(|next| next.primitive != hit.primitive));
             }
             None => assert!(nearest.is_infinite(), "{ray:?} {nearest}"),

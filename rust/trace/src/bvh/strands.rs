@@ -171,14 +171,16 @@ impl StrandSet {
             let [start, end] = [hull[0], hull[3]].map(Vec4::truncate);
             let axis = end - start;
             let reach = hull.iter().map(|point| {
-                let along = (point.truncate() - start).dot(axis) / axis.length_squared().max(f32::MIN_POSITIVE);
+                let along =
+                    (point.truncate() - start).dot(axis) / axis.length_squared().max(f32::MIN_POSITIVE);
                 point.truncate().distance(start + axis * along.clamp(0.0, 1.0)) + point.w
             });
             // A little more, for roundings here and of the boxes.
             let reach = reach.fold(0.0, f32::max) * (1.0 + 1e-4);
             let width = hull.iter().fold(0.0, |width, point| point.w.max(width));
             let points = hull.map(Vec4::truncate);
-            let margin = width + points.iter().fold(0.0, |most, point| point.abs().max_element().max(most)) * SLACK;
+            let margin =
+                width + points.iter().fold(0.0, |most, point| point.abs().max_element().max(most)) * SLACK;
             let (min, max) = points.iter().fold((start, start), |(min, max), p| (min.min(*p), max.max(*p)));
             let id = key as u32 | number << KEY_BITS;
             (width > 0.0).then_some(Piece { id, start, end, reach, min: min - margin, max: max + margin })
@@ -229,14 +231,12 @@ impl StrandSet {
             StrandShape::Round | StrandShape::Linear => {
                 // First keys of neighbours differ by one, those of other curves by more.
                 let (z_min, z_max) = reach;
-                let clearance =
-                    if key.abs_diff(from) <= 1 { RIBBON_CLEARANCE * span.at(0.5).w } else { 0.0 };
+                let clearance = if key.abs_diff(from) <= 1 { RIBBON_CLEARANCE * span.at(0.5).w } else { 0.0 };
                 let reach = (z_min.max(clearance), z_max);
                 let hit = if span.is_linear {
                     tube::linear(&span, reach)
                 } else {
-                    let [from, to] =
-                        [piece, piece + 1].map(|step| step as f32 / self.piece_count() as f32);
+                    let [from, to] = [piece, piece + 1].map(|step| step as f32 / self.piece_count() as f32);
                     tube::round(&span, from, to, reach)
                 };
                 hit.map(|(z, u)| (z, u, 0.0))
@@ -254,7 +254,12 @@ impl StrandSet {
 }
 
 /// Hit of the ray along z from the origin on a flat band that faces it: pieces `pieces` of `count` of a span.
-fn ribbon(span: &Span, pieces: std::ops::Range<u32>, count: u32, reach: (f32, f32)) -> Option<(f32, f32, f32)> {
+fn ribbon(
+    span: &Span,
+    pieces: std::ops::Range<u32>,
+    count: u32,
+    reach: (f32, f32),
+) -> Option<(f32, f32, f32)> {
     let step = 1.0 / count as f32;
     let end = |number: u32| {
         let u = number as f32 * step;

@@ -3,9 +3,9 @@
 use glam::{Mat3, Vec2, Vec3};
 use relume_scene::{MappingKind, Projection, TexCoord};
 
-use super::{SurfacePoint, strands};
 use super::evaluate::ShadingContext;
 use super::math::safe_divide_vector;
+use super::{SurfacePoint, strands};
 
 /// The outputs of the Texture Coordinate node.
 pub fn coordinate(context: &ShadingContext, kind: TexCoord) -> Vec3 {

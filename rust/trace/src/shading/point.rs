@@ -83,12 +83,7 @@ pub struct StrandPoint {
 
 impl StrandPoint {
     /// The place of a hit; `direction` is the ray's in object space. A ribbon is shaded as the cylinder that it stands for.
-    pub(super) fn new(
-        curves: &Curves,
-        hit: &Hit,
-        world_from_object: Mat3A,
-        direction: Vec3,
-    ) -> Self {
+    pub(super) fn new(curves: &Curves, hit: &Hit, world_from_object: Mat3A, direction: Vec3) -> Self {
         let span = Span::new(curves.span(hit.primitive as usize), curves.shape);
         let [u, v] = hit.barycentrics;
         let tangent = span.tangent(u);

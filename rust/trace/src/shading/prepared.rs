@@ -1,7 +1,5 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec4};
-use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, Interpolation, Mesh, Points, Scene, UvMap,
-};
+use relume_scene::{ColorAttribute, Curves, Extension, Geometry, Interpolation, Mesh, Points, Scene, UvMap};
 
 use super::closures::shade;
 use super::evaluate::ShadingContext;

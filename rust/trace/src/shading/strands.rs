@@ -3,8 +3,8 @@
 use glam::{Vec2, Vec3, Vec4};
 use relume_scene::{Curves, Scene};
 
-use super::evaluate::ShadingContext;
 use super::SurfacePoint;
+use super::evaluate::ShadingContext;
 use super::procedural::random_of_words;
 
 /// Facts about a place on a strand.
@@ -107,4 +107,90 @@ pub fn color(context: &ShadingContext, map: usize) -> Option<Vec4> {
 /// An attribute with a value a curve.
 pub fn curve_color(context: &ShadingContext, map: usize) -> Option<Vec4> {
     Some(Vec4::from(curves(context)?.curve_attributes[map].colors[curve(context)?]))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Affine3A, Vec3};
+    use relume_scene::{ColorAttribute, Geometry, Instance, Points, StrandShape, UvMap};
+
+    use super::super::evaluate::ShadingContext;
+    use super::super::graph::{Graph, Names};
+    use super::super::{Hit, PreparedMaterials};
+    use super::*;
+
+    /// A straight ribbon along y, of twice its size in the world.
+    fn scene() -> Scene {
+        let tint = |name: &str, colors| ColorAttribute { name: name.into(), colors };
+        let curves = Curves {
+            shape: StrandShape::Ribbon { subdivisions: 0 },
+            keys: vec![Vec3::ZERO, Vec3::Y, Vec3::new(0.0, 4.0, 0.0)],
+            radii: vec![0.1; 3],
+            first_keys: vec![0, 3],
+            uv_maps: vec![UvMap { name: "Root".into(), coords: vec![Vec2::new(0.2, 0.7)] }],
+            key_attributes: vec![tint("along", vec![[0.0; 4], [1.0; 4], [3.0; 4]])],
+            curve_attributes: vec![tint("whole", vec![[0.5; 4]])],
+            ..Curves::default()
+        };
+        let points = Points { positions: vec![Vec3::X], radii: vec![0.5], ..Points::default() };
+        let place = Affine3A::from_scale(Vec3::splat(2.0));
+        Scene {
+            instances: vec![
+                Instance::new("hair", Geometry::Curves(0), place, vec![]),
+                Instance::new("dust", Geometry::Points(0), place, vec![]),
+            ],
+            curves: vec![curves],
+            points: vec![points],
+            ..Scene::default()
+        }
+    }
+
+    /// Half of the second span, a share `v` across, seen along -z.
+    fn on_strand(scene: &Scene, v: f32) -> SurfacePoint {
+        let (prepared, _) = PreparedMaterials::new(scene);
+        let hit = Hit { instance: 0, primitive: 1, barycentrics: [0.5, v], distance: 1.0, front: Vec3::Z };
+        prepared.surface_point(scene, &hit, Vec3::new(0.2 * v, 5.0, 1.0), Vec3::NEG_Z, 0.0)
+    }
+
+    #[test]
+    fn ribbons_are_shaded_as_cylinders() {
+        let scene = scene();
+        for v in [-0.8, 0.0, 0.6] {
+            let point = on_strand(&scene, v);
+            let round = Vec3::new(v, 0.0, (1.0 - v * v).sqrt());
+            assert!(point.shading_normal.distance(round) < 1e-5, "{} {round}", point.shading_normal);
+            assert_eq!((point.geometric_normal, point.horizon_normal()), (Vec3::Z, point.shading_normal));
+            let tangent = point.strand.unwrap().tangent;
+            assert!(tangent.normalize().distance(Vec3::Y) < 1e-5);
+        }
+    }
+
+    #[test]
+    fn strands_and_points_tell_what_blender_shows() {
+        let scene = scene();
+        let info = on_strand(&scene, 0.0).strand_info(&scene).unwrap();
+        assert_eq!((info.length, info.intercept), (4.0, 0.625));
+        assert!((info.thickness - 0.4).abs() < 1e-6);
+        // Jenkins' hash of (0, 0), as in Cycles.
+        assert_eq!(info.random, random_of_words([0, 0]));
+        let (prepared, _) = PreparedMaterials::new(&scene);
+        let hit = Hit { instance: 1, primitive: 0, barycentrics: [0.0; 2], distance: 1.0, front: Vec3::Z };
+        let point = prepared.surface_point(&scene, &hit, Vec3::new(2.0, 0.0, 2.0), Vec3::NEG_Z, 0.0);
+        let info = point.point_info(&scene).unwrap();
+        assert_eq!((info.position, info.random), (Vec3::X * 2.0, random_of_words([0, 0])));
+        assert!((info.radius - 1.0).abs() < 1e-6 && point.strand_info(&scene).is_none());
+    }
+
+    #[test]
+    fn attributes_of_keys_are_linear_along_spans_and_those_of_curves_constant() {
+        let scene = scene();
+        let (prepared, _) = PreparedMaterials::new(&scene);
+        let (graph, _) = Graph::new(&relume_scene::Material::default(), &mut Names::default());
+        let point = on_strand(&scene, 0.0);
+        let context = ShadingContext { prepared: &prepared, scene: &scene, graph: &graph, point: &point };
+        assert_eq!(color(&context, 0), Some(Vec4::splat(2.0)));
+        assert_eq!(curve_color(&context, 0), Some(Vec4::splat(0.5)));
+        assert_eq!(uv(&context, 0), Vec2::new(0.2, 0.7));
+        assert_eq!(generated(&context), None);
+    }
 }

@@ -30,9 +30,7 @@ mod write;
 use crate::error::SessionError;
 use crate::files::names::VIEW_FILE;
 use relume_image::write_atomically;
-use relume_scene::{
-    Alpha, Camera, ColorEncoding, Instance, Light, Scene, StrandShape, World, glam::Vec3,
-};
+use relume_scene::{Alpha, Camera, ColorEncoding, Instance, Light, Scene, StrandShape, World, glam::Vec3};
 use relume_trace::TraceSettings;
 use serde::{Deserialize, Serialize};
 use std::io::Write;

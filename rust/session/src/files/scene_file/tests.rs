@@ -67,7 +67,8 @@ fn scene() -> Scene {
 }
 
 fn fur() -> Curves {
-    let tint = |count| vec![ColorAttribute { name: "Tint".into(), colors: vec![[0.1, 0.2, 0.3, 1.0]; count] }];
+    let tint =
+        |count| vec![ColorAttribute { name: "Tint".into(), colors: vec![[0.1, 0.2, 0.3, 1.0]; count] }];
     Curves {
         name: "Fur".into(),
         shape: StrandShape::Ribbon { subdivisions: 1 },

@@ -140,9 +140,7 @@ impl<'a> Tensors<'a> {
 
     fn add_uv_maps(&mut self, name: &str, maps: &'a [UvMap]) -> Result<(), String> {
         let mut maps = maps.iter().enumerate();
-        maps.try_for_each(|(k, map)| {
-            self.add(format!("{name}.uv_map.{k}"), Dtype::F32, &[2], &map.coords)
-        })
+        maps.try_for_each(|(k, map)| self.add(format!("{name}.uv_map.{k}"), Dtype::F32, &[2], &map.coords))
     }
 
     fn add_attributes(&mut self, name: &str, attributes: &'a [ColorAttribute]) -> Result<(), String> {
