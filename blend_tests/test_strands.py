@@ -24,7 +24,7 @@ def diffuse(name="Hair", color=(0.8, 0.5, 0.3)):
     return material
 
 
-def add_strands(scene, keys, radius=None, material=None, kind=None):
+def add_strands(scene, keys, radius=None, material=None):
     """Hair curves with keys [curves, keys, 3]."""
     data = bpy.data.hair_curves.new("Fur")
     data.add_curves([keys.shape[1]] * len(keys))
@@ -32,9 +32,6 @@ def add_strands(scene, keys, radius=None, material=None, kind=None):
     if radius is not None:
         attribute = data.attributes.get("radius") or data.attributes.new("radius", "FLOAT", "POINT")
         attribute.data.foreach_set("value", np.broadcast_to(radius, keys.shape[:2]).astype(np.float32).ravel())
-    if kind is not None:
-        attribute = data.attributes.get("curve_type") or data.attributes.new("curve_type", "INT8", "CURVE")
-        attribute.data.foreach_set("value", np.full(len(keys), kind, np.int8))
     if material:
         data.materials.append(material)
     return add(scene, "Fur", data)
@@ -86,11 +83,24 @@ def test_diffuse_strands_look_as_in_cycles(scene, tmp_path, shape):
 
 def test_poly_curves_are_splines_before_blender_5_and_cones_from_then_on(scene, tmp_path):
     zigzag = np.array([[(x, 0.4 * (-1) ** k, 0.0) for k, x in enumerate(np.linspace(-1.2, 1.2, 7))]])
-    add_strands(scene, zigzag, 0.08, diffuse(), kind=1)
+    straighten(add_strands(scene, zigzag, 0.08, diffuse()))
     look(scene)
     shape = exported(scene)["curves"][0]["shape"]
     assert shape == (RIBBON if bpy.app.version < (5, 0) else "linear")
     assert_like_cycles(scene, tmp_path)
+
+
+def straighten(fur):
+    """Nodes that make poly curves of hair."""
+    tree = bpy.data.node_groups.new("Straight", "GeometryNodeTree")
+    for direction in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeCurveSplineType", "NodeGroupOutput")
+    source, kind, output = (tree.nodes.new(name) for name in kinds)
+    kind.spline_type = "POLY"
+    tree.links.new(source.outputs[0], kind.inputs["Curve"])
+    tree.links.new(kind.outputs[0], output.inputs[0])
+    fur.modifiers.new("Straight", "NODES").node_group = tree
 
 
 def meadow(scene, **settings):
