@@ -35,6 +35,7 @@ PARTS = {
     ("camera", "lens"): "Lens or focus of the camera changed",
     ("settings", "paths"): "Bounces or filters of the render settings changed",
     ("settings", "override"): "The view layer has another material override",
+    ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
     ("collections", "lacking"): "Objects were hidden or shown by their collection",

@@ -8,6 +8,7 @@ mod blender_light;
 mod blender_light_inverse;
 mod builder;
 mod camera;
+mod curves;
 mod damage;
 mod geometry;
 mod hair;
@@ -20,6 +21,7 @@ mod node;
 mod node_settings;
 mod obj;
 mod picture_file;
+mod points;
 mod polygon;
 mod procedural;
 mod sockets;
@@ -33,6 +35,7 @@ pub use blender_light::{
 };
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
+pub use curves::{Curves, StrandLengths, StrandShape};
 pub use geometry::Geometry;
 pub use glam;
 pub use hair::{HairComponent, HairModel, HairPigment, PrincipledHair};
@@ -47,6 +50,7 @@ pub use node_settings::{
 };
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use picture_file::{FileColors, PictureFile};
+pub use points::Points;
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use procedural::{
     BrickTexture, Dimensions, GradientKind, Metric, NoiseKind, NoiseTexture, Procedural, VoronoiFeature,
@@ -63,6 +67,10 @@ pub struct Scene {
     pub camera: Camera,
     /// Each evaluated mesh once.
     pub meshes: Vec<Mesh>,
+    /// Hair curves, those of each object or particle system once.
+    pub curves: Vec<Curves>,
+    /// Point clouds, each once.
+    pub points: Vec<Points>,
     /// Instances of geometry.
     pub instances: Vec<Instance>,
     /// Shader graphs, referred to by [`Instance::materials`].

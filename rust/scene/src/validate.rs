@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::{Geometry, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -8,7 +8,7 @@ pub const MOST_RADIANCE: f32 = 1e30;
 /// Something that makes a scene untraceable: which part, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct SceneFault {
-    /// Kind of the part: `"mesh"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
+    /// Kind of the part: `"mesh"`, `"curves"`, `"points"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
     pub part: &'static str,
     /// Name of the part.
     pub name: String,
@@ -34,7 +34,7 @@ impl Scene {
             faults.extend(reason.map(|reason| SceneFault { part, name: name.to_owned(), reason }));
         };
         check("camera", &self.camera.name, self.camera_fault());
-        let is_empty = self.instances.iter().all(|instance| self.is_empty(instance.geometry));
+        let is_empty = self.instances.iter().all(|instance| self.primitive_count(instance.geometry) == 0);
         check(
             "scene",
             &self.camera.name,
@@ -42,6 +42,12 @@ impl Scene {
         );
         for mesh in &self.meshes {
             check("mesh", &mesh.name, mesh_fault(mesh, self));
+        }
+        for curves in &self.curves {
+            check("curves", &curves.name, curves.fault());
+        }
+        for points in &self.points {
+            check("points", &points.name, points.fault());
         }
         for instance in &self.instances {
             check("object", &instance.name, self.instance_fault(instance));
@@ -65,23 +71,6 @@ impl Scene {
             names[usize::from(instance.receiver)].clone_from(&instance.name);
         }
         names
-    }
-
-    /// The mesh that a geometry is; nothing for other kinds, or if it does not exist.
-    pub fn mesh(&self, geometry: Geometry) -> Option<&Mesh> {
-        self.meshes.get(geometry.mesh()?)
-    }
-
-    /// True if there is nothing of a geometry that a ray could meet.
-    pub(crate) fn is_empty(&self, geometry: Geometry) -> bool {
-        let Geometry::Mesh(index) = geometry;
-        self.meshes.get(index).is_none_or(|mesh| mesh.triangles.is_empty())
-    }
-
-    /// Fault of a geometry that no list has.
-    pub(crate) fn missing(&self, geometry: Geometry) -> Option<&'static str> {
-        let Geometry::Mesh(index) = geometry;
-        (index >= self.meshes.len()).then_some("its mesh does not exist")
     }
 
     fn camera_fault(&self) -> Option<String> {

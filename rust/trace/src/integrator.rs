@@ -107,7 +107,8 @@ impl Integrator<'_> {
                 break;
             }
             footprint += camera.spread * hit.distance;
-            let point = self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, footprint);
+            let met = self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, footprint);
+            let point = SurfacePoint { is_seen: path.lobe == Lobe::Camera, ..met };
             self.record(&mut path, last, End::Vertex(point.position), sink);
             scratch.surface.show(if path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
             self.materials.evaluate(self.scene, &point, &mut scratch.surface);

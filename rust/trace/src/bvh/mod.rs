@@ -1,17 +1,22 @@
 //! Intersection of rays with the scene.
 //!
 //! [`SceneBvh`] holds one tree of the whole scene: triangles of meshes that are used once (or are small) stand in it
-//! in world space, meshes that are used more often have a tree of their own that the world's tree refers to. obvhs
-//! builds, we collapse to eight children a node and walk with AVX2.
+//! in world space. Meshes that are used more often, strands and points have trees of their own that the world's tree
+//! refers to. obvhs builds, we collapse to eight children a node and walk with AVX2.
 
 mod build;
 mod collapse;
 mod scalar;
+mod spheres;
 mod storage;
+#[cfg(test)]
+mod strand_tests;
+mod strands;
 #[cfg(test)]
 mod tests;
 mod traverse;
 mod tree;
+mod tube;
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -24,7 +29,7 @@ use relume_scene::{Instance, Scene};
 
 use crate::shading::Hit;
 use traverse::{NearestHit, STACK, traverse};
-use tree::Tree;
+use tree::{PlacedKind, Placement, Tree};
 
 /// A tree that could not be built.
 #[derive(Debug, thiserror::Error)]
@@ -33,6 +38,12 @@ pub enum BvhError {
     #[error("the scene has more than {limit} triangles; simplify its meshes or share them between objects")]
     TooManyTriangles {
         /// Most triangles that fit.
+        limit: usize,
+    },
+    /// More keys of strands than a piece's number can count.
+    #[error("an object has hair of more than {limit} keys; divide it between objects")]
+    TooManyKeys {
+        /// Most keys that fit.
         limit: usize,
     },
 }
@@ -94,9 +105,14 @@ impl SceneBvh {
         Ok(Self { tree: Arc::new(tree), visibility, any_hidden, mirrored, placed, use_avx2: has_avx2() })
     }
 
+    /// Memory of the trees.
+    pub fn bytes(&self) -> usize {
+        self.tree.bytes()
+    }
+
     /// The nearest hit.
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        self.walk::<false>(ray).map(|found| self.hit(&found))
+        self.walk::<false>(ray).map(|found| self.hit(ray, &found))
     }
 
     /// True if anything is hit.
@@ -127,12 +143,14 @@ impl SceneBvh {
             }
         };
         let enter = |placement: u32| sees(placed_instance(placement));
+        let source =
+            |placement: u32| if placed_instance(placement) == from_placed { from_id } else { u32::MAX };
         #[cfg(target_arch = "x86_64")]
         if self.use_avx2 {
             // SAFETY: `use_avx2` is set only where the processor has all features that the function enables.
-            return unsafe { avx2::traverse_avx2::<ANY>(&self.tree, ray, stack, accept, enter) };
+            return unsafe { avx2::traverse_avx2::<ANY>(&self.tree, ray, stack, accept, enter, source) };
         }
-        traverse::<scalar::Scalar, ANY>(&self.tree, ray, stack, accept, enter)
+        traverse::<scalar::Scalar, ANY>(&self.tree, ray, stack, accept, enter, source)
     }
 
     /// Instance of the primitive that the ray leaves if it is a placed one, and the primitive's number.
@@ -145,7 +163,13 @@ impl SceneBvh {
         }
     }
 
-    fn hit(&self, found: &NearestHit) -> Hit {
+    fn hit(&self, ray: &Ray, found: &NearestHit) -> Hit {
+        if found.placement != u32::MAX
+            && let kind @ (PlacedKind::Strands(_) | PlacedKind::Points) =
+                self.tree.placements[found.placement as usize].kind
+        {
+            return self.curved_hit(ray, found, kind);
+        }
         let cross = self.tree.blocks[found.block as usize].cross(found.lane as usize);
         let (instance, primitive, front) = if found.placement == u32::MAX {
             let instance = self.tree.instance_of[found.id as usize];
@@ -159,6 +183,22 @@ impl SceneBvh {
         // Widened edges (`EDGE_SLACK`) let a hit lie slightly outside.
         let (u, v) = (found.u.clamp(0.0, 1.0), found.v.clamp(0.0, 1.0));
         Hit { instance, primitive, barycentrics: [u.min(1.0 - v), v], distance: found.t, front }
+    }
+
+    /// A hit on a strand or a sphere.
+    fn curved_hit(&self, ray: &Ray, found: &NearestHit, kind: PlacedKind) -> Hit {
+        let Placement { object_from_world, instance, .. } = self.tree.placements[found.placement as usize];
+        let direction = object_from_world.transform_vector3(ray.direction);
+        let position = object_from_world.transform_point3(ray.origin) + direction * found.t;
+        let normal = match kind {
+            PlacedKind::Strands(set) => {
+                self.tree.strand_sets[set as usize].normal(found.id, found.u, position, direction)
+            }
+            _ => self.tree.sphere_blocks[found.block as usize].from_center(found.lane as usize, position),
+        };
+        let front = object_from_world.matrix3.transpose() * normal;
+        let barycentrics = [found.u, found.v];
+        Hit { instance, primitive: found.id, barycentrics, distance: found.t, front }
     }
 }
 

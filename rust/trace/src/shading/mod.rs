@@ -15,6 +15,7 @@ mod point;
 mod prepared;
 mod principled;
 mod procedural;
+mod strands;
 mod tangents;
 #[cfg(test)]
 mod tests;
@@ -23,6 +24,7 @@ mod values;
 
 pub(crate) use color::luminance;
 pub use constant::constant_emission;
-pub use point::{Hit, SurfacePoint};
+pub use point::{Hit, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;
+pub use strands::{PointInfo, StrandInfo};
 pub(crate) use texture::equirectangular;
