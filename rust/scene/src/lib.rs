@@ -21,6 +21,7 @@ mod picture_file;
 mod polygon;
 mod procedural;
 mod sockets;
+mod subsurface;
 mod texture;
 mod validate;
 mod world;
@@ -48,6 +49,7 @@ pub use procedural::{
     BrickTexture, Dimensions, GradientKind, Metric, NoiseKind, NoiseTexture, Procedural, VoronoiFeature,
     VoronoiHash, VoronoiTexture, WaveDirection, WaveKind, WaveProfile, WaveTexture,
 };
+pub use subsurface::{AlbedoInversion, Subsurface, SubsurfaceMethod, SubsurfaceModel};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::{MOST_RADIANCE, SceneFault};
 pub use world::World;

@@ -1,7 +1,7 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, Input, Interpolation, MapRangeKind, MappingKind,
-    MathOp, MixData, NodeId, NormalSpace, Procedural, TexCoord, VectorMathOp,
+    MathOp, MixData, NodeId, NormalSpace, Procedural, Subsurface, TexCoord, VectorMathOp,
 };
 
 with_sockets! {
@@ -21,6 +21,12 @@ with_sockets! {
             alpha: Input,
             normal: Option<Input>,
             subsurface_weight: Input,
+            /// Subsurface scattering of this weight; none is diffuse.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            subsurface: Option<Subsurface>,
+            /// A sheet without an inside where it is not 0; none is 0.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            thin_wall: Option<Input>,
             specular_ior_level: Input,
             specular_tint: Input,
             anisotropic: Input,
@@ -76,6 +82,12 @@ with_sockets! {
         Translucent {
             color: Input,
             normal: Option<Input>,
+        },
+        SubsurfaceScattering {
+            color: Input,
+            roughness: Input,
+            normal: Option<Input>,
+            subsurface: Subsurface,
         },
         Transparent {
             color: Input,

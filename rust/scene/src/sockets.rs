@@ -2,8 +2,8 @@
 
 use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, Input, Interpolation,
-    MapRangeKind, MappingKind, MathOp, Metric, MixData, NodeId, NoiseKind, NormalSpace, TexCoord,
-    VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    MapRangeKind, MappingKind, MathOp, Metric, MixData, NodeId, NoiseKind, NormalSpace, SubsurfaceModel,
+    TexCoord, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -35,7 +35,7 @@ macro_rules! properties {
 
 properties![bool, f32, usize, NodeId, String];
 properties![BlendMode, ColorMode, Curve, Distribution, Extension, Interpolation, MapRangeKind, MappingKind];
-properties![MathOp, MixData, NormalSpace, TexCoord, VectorMathOp];
+properties![MathOp, MixData, NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp];
 properties![Dimensions, GradientKind, Metric, NoiseKind, VoronoiFeature, VoronoiHash];
 properties![WaveDirection, WaveKind, WaveProfile];
 

@@ -21,6 +21,7 @@ pub mod sampler;
 pub mod settings;
 pub mod shading;
 mod static_light;
+mod subsurface;
 
 pub use guide::{Guide, hit_probability};
 pub use integrator::{PathScratch, PathSink};

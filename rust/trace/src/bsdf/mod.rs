@@ -5,6 +5,7 @@
 //! goes on. Values include the cosine: `f |cos|`.
 
 mod ashikhmin;
+mod bssrdf;
 mod closure;
 mod diffuse;
 mod distribution;
@@ -19,6 +20,8 @@ mod surface;
 mod tests;
 
 pub use ashikhmin::AshikhminShirley;
+pub(crate) use bssrdf::BodyEntry;
+pub use bssrdf::{Bssrdf, MIN_RADIUS};
 pub use closure::{Closure, Scatter};
 pub use diffuse::OrenNayar;
 pub use distribution::{MicrofacetDistribution, SlopeDistribution};

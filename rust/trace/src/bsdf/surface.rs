@@ -1,10 +1,10 @@
-use glam::{Vec3, Vec4};
+use glam::{BVec3, Vec3, Vec4};
 use relume_dump::Lobe;
-use relume_scene::MOST_RADIANCE;
+use relume_scene::{MOST_RADIANCE, SubsurfaceModel};
 
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
-use super::{Interface, SampleReach, SideNormals};
+use super::{BodyEntry, Bssrdf, Interface, MIN_RADIUS, SampleReach, SideNormals};
 use crate::{guide::Horizon, shading::SurfacePoint};
 
 /// Most closures that one point keeps; further ones are dropped.
@@ -84,6 +84,10 @@ pub struct Surface {
     emission: Vec3,
     transparency: Vec3,
     caustics: Caustics,
+    /// True if the path has scattered diffusely before it met the surface.
+    is_after_diffuse: bool,
+    /// True if there is a [`Scatter::Subsurface`].
+    has_body: bool,
     terminator: Terminator,
     /// Scratch for the values of shader nodes.
     values: Vec<Vec4>,
@@ -98,6 +102,8 @@ impl Default for Surface {
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
             caustics: Caustics::ALL,
+            is_after_diffuse: false,
+            has_body: false,
             terminator: Terminator::default(),
             values: Vec::new(),
         }
@@ -110,9 +116,15 @@ impl Surface {
         self.caustics = caustics;
     }
 
+    /// Sets whether the path has scattered diffusely before, for closures that are added from now on.
+    pub(crate) fn set_after_diffuse(&mut self, is_after_diffuse: bool) {
+        self.is_after_diffuse = is_after_diffuse;
+    }
+
     /// Empties the surface and takes the frame of `point`.
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
+        self.has_body = false;
         self.wo = point.wo;
         self.sides = SideNormals { geometric: point.geometric_normal, shading: point.shading_normal };
         self.emission = Vec3::ZERO;
@@ -172,6 +184,48 @@ impl Surface {
         } else {
             self.add(weight, Vec3::ONE, self.sides.shading, Scatter::Transparent);
         }
+    }
+
+    /// Adds a body that light enters, of `weight`, which holds its albedo. `bssrdf` has the radius without the model's
+    /// factor. Channels of a radius below `least` are diffuse; all are, where the path has scattered diffusely before and
+    /// the model is for such that have not.
+    pub fn add_body(
+        &mut self,
+        weight: Vec3,
+        normal: Vec3,
+        bssrdf: Bssrdf,
+        least: f32,
+        model: &SubsurfaceModel,
+    ) {
+        let is_diffuse = model.is_first_only && self.is_after_diffuse;
+        let scatters = bssrdf.radius.cmpge(Vec3::splat(least.max(MIN_RADIUS))) & BVec3::splat(!is_diffuse);
+        let channels = scatters.bitmask().count_ones();
+        if channels < 3 {
+            self.add(Vec3::select(scatters, Vec3::ZERO, weight), Vec3::ONE, normal, Scatter::Diffuse);
+        }
+        let radius = Vec3::select(scatters, bssrdf.radius * model.radius_factor, Vec3::ZERO);
+        let weight = Vec3::select(scatters, weight, Vec3::ZERO);
+        // Cycles chooses it as often as there are channels.
+        let scatter = Scatter::Subsurface(Bssrdf { radius, ..bssrdf });
+        self.has_body |= self.add(weight, Vec3::splat(channels as f32), normal, scatter);
+    }
+
+    /// The body that the path enters if the third of [`Surface::sample`]'s numbers chooses one.
+    pub(crate) fn enters(&self, u: f32) -> Option<BodyEntry> {
+        if !self.has_body {
+            return None;
+        }
+        let total = self.total_weight();
+        let closure = &self.closures[self.choose(u, total)?.0];
+        let Scatter::Subsurface(bssrdf) = closure.scatter else { return None };
+        let weight = closure.weight * (total / closure.sample_weight);
+        Some(BodyEntry { weight, normal: closure.normal, bssrdf })
+    }
+
+    /// Mean normal of the bodies; nothing if there is none.
+    pub(crate) fn body_normal(&self) -> Option<Vec3> {
+        let bodies = self.closures.iter().filter(|closure| matches!(closure.scatter, Scatter::Subsurface(_)));
+        bodies.map(|body| body.normal * body.weight.element_sum()).sum::<Vec3>().try_normalize()
     }
 
     /// Unit direction back along the ray.

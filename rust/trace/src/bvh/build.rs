@@ -8,7 +8,7 @@ use obvhs::{
     splits::split_aabbs_preset,
     triangle::Triangle,
 };
-use relume_scene::{Instance, Mesh, Scene};
+use relume_scene::{Instance, Material, Mesh, Scene};
 
 use super::{
     BvhError,
@@ -25,14 +25,19 @@ const REINSERTION_RATIO: f32 = 0.05;
 /// ones are copied into the world, since entering an instance costs about as much as two node tests.
 pub(super) const SHARED_MESH_TRIANGLES: usize = 64;
 
-/// Builds all trees of `scene`.
+/// Builds all trees of `scene`. Meshes that light scatters in have a tree of their own, which [`super::SceneBvh::intersect_within`]
+/// walks.
 pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     let mut uses = vec![0_usize; scene.meshes.len()];
+    let mut is_body = vec![false; scene.meshes.len()];
+    let scatters: Vec<bool> = scene.materials.iter().map(Material::has_subsurface).collect();
     for instance in &scene.instances {
         uses[instance.mesh] += 1;
+        is_body[instance.mesh] |= instance.materials.iter().any(|m| scatters.get(*m) == Some(&true));
     }
-    let is_shared =
-        |mesh: usize| uses[mesh] > 1 && scene.meshes[mesh].triangles.len() >= SHARED_MESH_TRIANGLES;
+    let is_shared = |mesh: usize| {
+        is_body[mesh] || (uses[mesh] > 1 && scene.meshes[mesh].triangles.len() >= SHARED_MESH_TRIANGLES)
+    };
 
     let mut tree = Growing::default();
     let (mut first_ids, mut instance_of) = (Vec::new(), Vec::new());

@@ -86,11 +86,12 @@ fn entry(t: f32, child: Child) -> u64 {
     u64::from(t.to_bits()) << 32 | u64::from(child.0)
 }
 
-/// Nearest hit, or the first one met if `ANY`. `accept(placement, id)` says whether a triangle counts.
+/// Nearest hit below `root`, or the first one met if `ANY`. `accept(placement, id)` says whether a triangle counts.
 #[inline(always)]
 pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
     tree: &Tree,
     ray: &Ray,
+    root: Option<Child>,
     stack: &mut [MaybeUninit<u64>],
     accept: impl Fn(u32, u32) -> bool,
     enter_placement: impl Fn(u32) -> bool,
@@ -103,7 +104,7 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
         NearestHit { t: ray.t_max, u: 0.0, v: 0.0, id: u32::MAX, block: 0, lane: 0, placement: u32::MAX };
     let mut placement = u32::MAX;
     let mut top = 0;
-    let mut current = tree.root?;
+    let mut current = root?;
     loop {
         match current.kind() {
             ChildKind::Node(index) => {

@@ -14,6 +14,7 @@ mod point;
 mod prepared;
 mod principled;
 mod procedural;
+mod subsurface;
 mod tangents;
 #[cfg(test)]
 mod tests;
