@@ -61,7 +61,7 @@ impl Integrator<'_> {
                 return None;
             }
             let (medium, throughput) = Medium::new(bssrdf, throughput);
-            let from = Some((point.instance, point.triangle));
+            let from = Some((point.instance, point.primitive));
             let ray = Ray { from, ..Ray::new(point.position, direction) };
             walk::walk(&medium, ray, point.shading_normal, throughput, find, |step| draw(step + 1))?
         };
