@@ -22,10 +22,10 @@ use crate::{
 use medium::Medium;
 
 /// Added to a vertex's group: numbers of its way through a body, one group a step.
-const BODY_GROUP: u32 = 1 << 30;
+const BODY_GROUP: u32 = 1 << 29;
 const GROUPS_BETWEEN_STEPS: u32 = 1 << 12;
 /// Added to a vertex's group: numbers of the place where the path leaves the body.
-const EXIT_GROUP: u32 = 1 << 29;
+const EXIT_GROUP: u32 = 1 << 28;
 
 /// Place where a path leaves a body.
 #[derive(Clone, Copy, Debug)]
