@@ -9,7 +9,7 @@ mod medium;
 mod walk;
 
 use glam::Vec3;
-use relume_scene::SubsurfaceMethod;
+use relume_scene::{Scene, SubsurfaceMethod};
 
 use crate::{
     bsdf::{BodyEntry, Scatter, Surface},
@@ -62,7 +62,8 @@ impl Integrator<'_> {
             }
             let (medium, throughput) = Medium::new(bssrdf, throughput);
             let from = Some((point.instance, point.primitive));
-            let ray = Ray { from, ..Ray::new(point.position, direction) };
+            let start = on_triangle(self.scene, point).unwrap_or(point.position);
+            let ray = Ray { from, ..Ray::new(start, direction) };
             walk::walk(&medium, ray, point.shading_normal, throughput, find, |step| draw(step + 1))?
         };
         path.throughput = exit.throughput;
@@ -75,4 +76,15 @@ impl Integrator<'_> {
         surface.add(Vec3::ONE, Vec3::ONE, normal, Scatter::Diffuse);
         Some((exit, draws.moved(EXIT_GROUP)))
     }
+}
+
+/// A point in the plane of its triangle to within rounding of its coordinates: steps through skin are smaller than what
+/// a long ray misses a surface by.
+fn on_triangle(scene: &Scene, point: &SurfacePoint) -> Option<Vec3> {
+    let mesh = scene.mesh(point.geometry)?;
+    let [a, b, c] = mesh.triangles[point.primitive as usize].map(|vertex| mesh.positions[vertex as usize]);
+    let [u, v] = point.barycentrics;
+    let in_object = a * (1.0 - u - v) + b * u + c * v;
+    let instance = &scene.instances[point.instance as usize];
+    Some(instance.world_from_object.transform_point3(in_object))
 }

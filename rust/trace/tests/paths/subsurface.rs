@@ -77,7 +77,7 @@ fn spheres_are_as_bright_as_in_cycles() {
         let squares = mean(&paths, |path| path.aovs.world * path.aovs.world).x;
         let own_error = ((squares - found * found) / (64.0 * 256.0)).sqrt();
         println!("{method:?} {inversion:?} {albedo} {radius}: {found} +- {own_error}, Cycles {expected}");
-        let allowed = 3.0 * error.hypot(own_error);
+        let allowed = 3.0 * f32::hypot(error, own_error);
         assert!((found - expected).abs() < allowed, "{method:?} {inversion:?} {albedo} {radius}: {found}");
     }
 }
