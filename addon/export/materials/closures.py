@@ -188,8 +188,6 @@ FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
     "ShaderNodeBsdfMetallic": ("glossy in its base colour", _metallic),
     "ShaderNodeBsdfSheen": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfToon": ("diffuse", _smooth_diffuse),
-    "ShaderNodeBsdfHair": ("diffuse", _smooth_diffuse),
-    "ShaderNodeBsdfHairPrincipled": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfRayPortal": ("black", _nothing),
     "ShaderNodeHoldout": ("black", _nothing),
     "ShaderNodeVolumePrincipled": ("black", _nothing),

@@ -195,7 +195,8 @@ impl ShadowTracer<'_> {
         density: f32,
     ) -> Option<Vec3> {
         // Directions between the true and the shading surface, which only the lights of the dump are met in.
-        if point.geometric_normal.dot(direction) * point.shading_normal.dot(direction) <= 0.0 {
+        let is_between = point.geometric_normal.dot(direction) * point.shading_normal.dot(direction) <= 0.0;
+        if is_between && !surface.scatters_around() {
             return None;
         }
         let (value, pdf) = surface.eval(direction);

@@ -1,10 +1,11 @@
-use glam::{BVec3, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
-use relume_scene::{MOST_RADIANCE, SubsurfaceModel};
+use relume_scene::MOST_RADIANCE;
 
+use super::classes::{Classes, Part};
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
-use super::{BodyEntry, Bssrdf, Interface, MIN_RADIUS, SampleReach, SideNormals};
+use super::{Interface, SampleReach, SideNormals};
 use crate::{guide::Horizon, shading::SurfacePoint};
 
 /// Most closures that one point keeps; further ones are dropped.
@@ -78,17 +79,19 @@ impl Caustics {
 /// The closures and the emission of one surface point. Reused from hit to hit: nothing is allocated.
 #[derive(Clone, Debug)]
 pub struct Surface {
-    closures: Vec<Closure>,
+    pub(super) closures: Vec<Closure>,
     wo: Vec3,
     sides: SideNormals,
     emission: Vec3,
     transparency: Vec3,
     caustics: Caustics,
     /// True if the path has scattered diffusely before it met the surface.
-    is_after_diffuse: bool,
+    pub(super) is_after_diffuse: bool,
     /// True if there is a [`Scatter::Subsurface`].
-    has_body: bool,
+    pub(super) has_body: bool,
     terminator: Terminator,
+    /// True if one of the closures is hair.
+    scatters_around: bool,
     /// Scratch for the values of shader nodes.
     values: Vec<Vec4>,
 }
@@ -105,6 +108,7 @@ impl Default for Surface {
             is_after_diffuse: false,
             has_body: false,
             terminator: Terminator::default(),
+            scatters_around: false,
             values: Vec::new(),
         }
     }
@@ -125,6 +129,7 @@ impl Surface {
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
         self.has_body = false;
+        self.scatters_around = false;
         self.wo = point.wo;
         self.sides = SideNormals { geometric: point.geometric_normal, shading: point.shading_normal };
         self.emission = Vec3::ZERO;
@@ -164,7 +169,9 @@ impl Surface {
             return false;
         }
         let sample_weight = (weight * albedo).element_sum() / 3.0;
-        self.closures.push(Closure { weight, sample_weight, normal, scatter });
+        let closure = Closure { weight, sample_weight, normal, scatter };
+        self.scatters_around |= closure.scatters_around();
+        self.closures.push(closure);
         true
     }
 
@@ -184,48 +191,6 @@ impl Surface {
         } else {
             self.add(weight, Vec3::ONE, self.sides.shading, Scatter::Transparent);
         }
-    }
-
-    /// Adds a body that light enters, of `weight`, which holds its albedo. `bssrdf` has the radius without the model's
-    /// factor. Channels of a radius below `least` are diffuse; all are, where the path has scattered diffusely before and
-    /// the model is for such that have not.
-    pub fn add_body(
-        &mut self,
-        weight: Vec3,
-        normal: Vec3,
-        bssrdf: Bssrdf,
-        least: f32,
-        model: &SubsurfaceModel,
-    ) {
-        let is_diffuse = model.is_first_only && self.is_after_diffuse;
-        let scatters = bssrdf.radius.cmpge(Vec3::splat(least.max(MIN_RADIUS))) & BVec3::splat(!is_diffuse);
-        let channels = scatters.bitmask().count_ones();
-        if channels < 3 {
-            self.add(Vec3::select(scatters, Vec3::ZERO, weight), Vec3::ONE, normal, Scatter::Diffuse);
-        }
-        let radius = Vec3::select(scatters, bssrdf.radius * model.radius_factor, Vec3::ZERO);
-        let weight = Vec3::select(scatters, weight, Vec3::ZERO);
-        // Cycles chooses it as often as there are channels.
-        let scatter = Scatter::Subsurface(Bssrdf { radius, ..bssrdf });
-        self.has_body |= self.add(weight, Vec3::splat(channels as f32), normal, scatter);
-    }
-
-    /// The body that the path enters if the third of [`Surface::sample`]'s numbers chooses one.
-    pub(crate) fn enters(&self, u: f32) -> Option<BodyEntry> {
-        if !self.has_body {
-            return None;
-        }
-        let total = self.total_weight();
-        let closure = &self.closures[self.choose(u, total)?.0];
-        let Scatter::Subsurface(bssrdf) = closure.scatter else { return None };
-        let weight = closure.weight * (total / closure.sample_weight);
-        Some(BodyEntry { weight, normal: closure.normal, bssrdf })
-    }
-
-    /// Mean normal of the bodies; nothing if there is none.
-    pub(crate) fn body_normal(&self) -> Option<Vec3> {
-        let bodies = self.closures.iter().filter(|closure| matches!(closure.scatter, Scatter::Subsurface(_)));
-        bodies.map(|body| body.normal * body.weight.element_sum()).sum::<Vec3>().try_normalize()
     }
 
     /// Unit direction back along the ray.
@@ -271,34 +236,34 @@ impl Surface {
         let (index, remapped) = self.choose(u[2], total)?;
         let closure = &self.closures[index];
         let probability = closure.sample_weight / total;
-        let mut choice = closure.sample(self.sides, self.wo, [u[0], u[1], remapped])?;
-        choice.value *= self.terminator.factor(closure.normal, choice.wi);
-        let mut glossy = 0.0;
+        let is_mixed = || self.is_mixed(index);
+        let mut choice = closure.sample(self.sides, self.wo, [u[0], u[1], remapped], is_mixed)?;
+        if !closure.scatters_around() {
+            choice.value *= self.terminator.factor(closure.normal, choice.wi);
+        }
+        let mut classes = Classes::default();
         let (value, pdf) = if choice.singular {
             let pdf = choice.pdf * probability;
             (closure.weight * choice.value / pdf, pdf * BsdfSample::SINGULAR_PDF)
         } else {
             let mut value = closure.weight * choice.value;
             let mut pdf = choice.pdf * probability;
-            if choice.lobe == Lobe::Glossy {
-                glossy += value.element_sum();
-            }
+            classes.add(value, choice.lobe == Lobe::Glossy || closure.scatters_around(), choice.transmitted);
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
-                    let (f, density) = self.eval_closure(closure, choice.wi);
-                    let part = closure.weight * f;
-                    if closure.is_glossy() {
-                        glossy += part.element_sum();
-                    }
-                    value += part;
-                    pdf += density * (closure.sample_weight / total);
+                    let part = self.eval_closure(closure, choice.wi);
+                    let weighted = closure.weight * part.value;
+                    classes.add(weighted, closure.is_glossy(), part.transmitted);
+                    value += weighted;
+                    pdf += part.pdf * (closure.sample_weight / total);
                 }
             }
-            glossy /= value.element_sum();
+            classes.share(value);
             (value / pdf, pdf)
         };
         // The low bits of a number that chose the direction are as good as a number of their own.
-        let light_lobe = if choice.singular { choice.lobe } else { light_lobe(choice.lobe, glossy, u[0]) };
+        let light_lobe =
+            if choice.singular { choice.lobe } else { classes.lobe(self.scatters_around, choice.lobe, u[0]) };
         let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
         if !is_valid {
             return None;
@@ -321,15 +286,13 @@ impl Surface {
     pub(crate) fn sample_towards(&self, wi: Vec3, u: f32) -> Option<BsdfSample> {
         let total = self.total_weight();
         let mut densities = [0.0; MAX_CLOSURES];
-        let (mut value, mut glossy) = (Vec3::ZERO, 0.0);
+        let (mut value, mut classes) = (Vec3::ZERO, Classes::default());
         for (closure, density) in self.closures.iter().zip(&mut densities) {
-            let (f, pdf) = self.eval_closure(closure, wi);
-            let part = closure.weight * f;
-            if closure.is_glossy() {
-                glossy += part.element_sum();
-            }
-            value += part;
-            *density = pdf * (closure.sample_weight / total);
+            let part = self.eval_closure(closure, wi);
+            let weighted = closure.weight * part.value;
+            classes.add(weighted, closure.is_glossy(), part.transmitted);
+            value += weighted;
+            *density = part.pdf * (closure.sample_weight / total);
         }
         let pdf: f32 = densities.iter().sum();
         let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
@@ -343,16 +306,21 @@ impl Surface {
         };
         let mut candidates = self.closures.iter().zip(&densities);
         // Rounding may leave a rest after the last one.
-        let (closure, _) =
+        let (closure, density) =
             candidates.clone().find(is_chosen).or_else(|| candidates.rfind(|(_, d)| **d > 0.0))?;
-        let lobe = closure.lobe_towards(wi);
-        let reach = self.sides.reach(wi, lobe == Lobe::Transmission)?;
+        let (lobe, reach) = if let Scatter::Hair(hair) = &closure.scatter {
+            (hair.eval(wi).lobe(1.0 + rest / density), SampleReach::Path)
+        } else {
+            let lobe = closure.lobe_towards(wi);
+            (lobe, self.sides.reach(wi, lobe == Lobe::Transmission)?)
+        };
+        classes.share(value);
         Some(BsdfSample {
             wi,
             weight: value / pdf,
             pdf,
             lobe,
-            light_lobe: light_lobe(lobe, glossy / value.element_sum(), u),
+            light_lobe: classes.lobe(self.scatters_around, lobe, u),
             diffuse: closure.is_diffuse(),
             singular: false,
             transparent: false,
@@ -402,18 +370,39 @@ impl Surface {
             return sum;
         }
         for closure in &self.closures {
-            let (f, density) = self.eval_closure(closure, wi);
-            sum.0 += closure.weight * f;
-            sum.1 += density * (closure.sample_weight / total);
+            let part = self.eval_closure(closure, wi);
+            sum.0 += closure.weight * part.value;
+            sum.1 += part.pdf * (closure.sample_weight / total);
         }
         sum
     }
 
     /// [`Closure::eval`] of one of them.
     #[inline]
-    fn eval_closure(&self, closure: &Closure, wi: Vec3) -> (Vec3, f32) {
+    fn eval_closure(&self, closure: &Closure, wi: Vec3) -> Part {
+        if let Scatter::Hair(hair) = &closure.scatter {
+            let response = hair.eval(wi);
+            return Part {
+                value: response.value(),
+                pdf: response.pdf(),
+                transmitted: response.transmitted_share(),
+            };
+        }
         let (value, pdf) = closure.eval(self.sides.shading, self.wo, wi);
-        (value * self.terminator.factor(closure.normal, wi), pdf)
+        let is_transmitted = self.scatters_around && closure.lobe_towards(wi) == Lobe::Transmission;
+        let transmitted = if is_transmitted { 1.0 } else { 0.0 };
+        Part { value: value * self.terminator.factor(closure.normal, wi), pdf, transmitted }
+    }
+
+    /// True if other closures than this one have densities.
+    fn is_mixed(&self, index: usize) -> bool {
+        let others = self.closures.iter().enumerate().filter(|(other, _)| *other != index);
+        others.into_iter().any(|(_, closure)| closure.sharpness() != Sharpness::Singular)
+    }
+
+    /// True if light also comes from between the surface's normals, as to hair.
+    pub(crate) fn scatters_around(&self) -> bool {
+        self.scatters_around
     }
 
     /// Estimate of the surface's albedo, for the denoiser; what goes straight through is not part of it.
@@ -458,12 +447,12 @@ impl Surface {
         }
     }
 
-    fn total_weight(&self) -> f32 {
+    pub(super) fn total_weight(&self) -> f32 {
         self.closures.iter().map(|closure| closure.sample_weight).sum()
     }
 
     /// The closure that `u` falls on, and `u` stretched over it to 0..1.
-    fn choose(&self, u: f32, total: f32) -> Option<(usize, f32)> {
+    pub(super) fn choose(&self, u: f32, total: f32) -> Option<(usize, f32)> {
         let mut rest = u * total;
         let last = self.closures.len().checked_sub(1)?;
         for (index, closure) in self.closures.iter().enumerate() {
@@ -473,15 +462,5 @@ impl Surface {
             rest -= closure.sample_weight;
         }
         None
-    }
-}
-
-/// Class that lights are collected under where the sampled closure is of class `lobe` and a share of what is reflected is
-/// glossy ([`BsdfSample::light_lobe`]).
-fn light_lobe(lobe: Lobe, glossy: f32, u: f32) -> Lobe {
-    match lobe {
-        Lobe::Diffuse | Lobe::Glossy if (u * 4096.0).fract() < glossy => Lobe::Glossy,
-        Lobe::Diffuse | Lobe::Glossy => Lobe::Diffuse,
-        lobe => lobe,
     }
 }

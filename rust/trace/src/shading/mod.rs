@@ -9,6 +9,7 @@ mod constant;
 mod coordinates;
 mod evaluate;
 mod graph;
+mod hair;
 mod math;
 mod point;
 mod prepared;
@@ -21,6 +22,7 @@ mod tests;
 mod texture;
 mod values;
 
+pub(crate) use color::luminance;
 pub use constant::constant_emission;
 pub use point::{Hit, SurfacePoint};
 pub use prepared::PreparedMaterials;
