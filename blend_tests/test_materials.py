@@ -360,7 +360,7 @@ def test_normal_maps_of_directx_point_the_other_way_in_green(tree, is_linked):
         assert color == pytest.approx([0.6, 0.2, 0.9])
 
 
-@pytest.mark.parametrize("kind", ["ShaderNodeBsdfToon", "ShaderNodeSubsurfaceScattering", "ShaderNodeHoldout"])
+@pytest.mark.parametrize("kind", ["ShaderNodeBsdfToon", "ShaderNodeHoldout"])
 def test_unsupported_closures_become_the_nearest_thing(tree, kind):
     tree, output, export = tree
     node = tree.nodes.new(kind)

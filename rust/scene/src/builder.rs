@@ -213,7 +213,10 @@ fn check_links(material: &Value) -> Result<(), String> {
     let nodes = material["nodes"].as_array().map(Vec::as_slice).unwrap_or_default();
     for (number, node) in nodes.iter().enumerate() {
         let shader = matches!(node["type"].as_str(), Some("mix_shader" | "add_shader"));
-        for (socket, value) in node.as_object().into_iter().flatten() {
+        let sockets = node.as_object().into_iter().flatten();
+        // Some sockets stand in an object within the node.
+        let nested = sockets.clone().filter_map(|(_, value)| value.as_object()).flatten();
+        for (socket, value) in sockets.chain(nested) {
             let target = match value {
                 Value::Object(link) => link.get("node"),
                 Value::Number(_) if shader && (socket == "a" || socket == "b") => Some(value),

@@ -25,6 +25,7 @@ mod points;
 mod polygon;
 mod procedural;
 mod sockets;
+mod subsurface;
 mod texture;
 mod validate;
 mod world;
@@ -56,6 +57,7 @@ pub use procedural::{
     BrickTexture, Dimensions, GradientKind, Metric, NoiseKind, NoiseTexture, Procedural, VoronoiFeature,
     VoronoiHash, VoronoiTexture, WaveDirection, WaveKind, WaveProfile, WaveTexture,
 };
+pub use subsurface::{AlbedoInversion, Subsurface, SubsurfaceMethod, SubsurfaceModel};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::{MOST_RADIANCE, SceneFault};
 pub use world::World;

@@ -19,6 +19,16 @@ pub struct Material {
     pub surface: Option<NodeId>,
 }
 
+impl Material {
+    /// True if light may enter in one place and leave in another.
+    pub fn has_subsurface(&self) -> bool {
+        self.nodes.iter().any(|node| match node {
+            Node::Principled { subsurface, .. } => subsurface.is_some(),
+            node => matches!(node, Node::SubsurfaceScattering { .. }),
+        })
+    }
+}
+
 /// An input socket: a value or a link. In JSON: `0.5`, `[r, g, b]` or `{"node": 3, "output": "color"}`.
 /// Conversions are Blender's: colour to float by luminance, vector to float by average, float to three equal values.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

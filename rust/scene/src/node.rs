@@ -1,7 +1,8 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
-    MappingKind, MathOp, MixData, NodeId, NormalSpace, PrincipledHair, Procedural, TexCoord, VectorMathOp,
+    MappingKind, MathOp, MixData, NodeId, NormalSpace, PrincipledHair, Procedural, Subsurface, TexCoord,
+    VectorMathOp,
 };
 
 with_sockets! {
@@ -20,6 +21,12 @@ with_sockets! {
             alpha: Input,
             normal: Option<Input>,
             subsurface_weight: Input,
+            /// Subsurface scattering of this weight; none is diffuse.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            subsurface: Option<Subsurface>,
+            /// A sheet without an inside where it is not 0; none is 0.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            thin_wall: Option<Input>,
             specular_ior_level: Input,
             specular_tint: Input,
             anisotropic: Input,
@@ -75,6 +82,12 @@ with_sockets! {
         Translucent {
             color: Input,
             normal: Option<Input>,
+        },
+        SubsurfaceScattering {
+            color: Input,
+            roughness: Input,
+            normal: Option<Input>,
+            subsurface: Subsurface,
         },
         /// Principled Hair.
         PrincipledHair(PrincipledHair),

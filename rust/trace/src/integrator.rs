@@ -12,7 +12,7 @@ use crate::{
     guide::{Cones, Guide},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
-    sampler::PixelSampler,
+    sampler::{Draws, PixelSampler},
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
     static_light::{LastBounce, ShadowTracer, StaticLights, StaticSample},
@@ -24,6 +24,8 @@ pub trait PathSink {
     fn begin_path(&mut self, camera_vertex: Option<Vec3>);
     /// The path's next segment.
     fn push(&mut self, segment: Segment);
+    /// The next segment starts from `vertex`, to which none leads: the path went there inside a body.
+    fn move_to(&mut self, vertex: Vec3);
     /// The path has ended.
     fn end_path(&mut self, aovs: AovSample);
 }
@@ -35,6 +37,10 @@ impl PathSink for TileSamples {
 
     fn push(&mut self, segment: Segment) {
         Self::push(self, segment);
+    }
+
+    fn move_to(&mut self, vertex: Vec3) {
+        Self::move_to(self, vertex);
     }
 
     fn end_path(&mut self, aovs: AovSample) {
@@ -111,6 +117,7 @@ impl Integrator<'_> {
             let point = SurfacePoint { is_seen: path.lobe == Lobe::Camera, ..met };
             self.record(&mut path, last, End::Vertex(point.position), sink);
             scratch.surface.show(if path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
+            scratch.surface.set_after_diffuse(path.was_diffuse);
             self.materials.evaluate(self.scene, &point, &mut scratch.surface);
             if surface_number == 0 {
                 features.sample.depth = Some(camera.start + hit.distance);
@@ -134,7 +141,8 @@ impl Integrator<'_> {
                 scratch,
                 &mut features,
                 &mut last,
-                |other| sampler.draw(sample, other.wrapping_add(group)),
+                Draws::new(sampler, sample, group),
+                sink,
             ) {
                 break;
             }
@@ -211,7 +219,8 @@ impl Integrator<'_> {
         scratch: &mut PathScratch,
         features: &mut Features,
         last: &mut Option<LastBounce>,
-        draw: impl Fn(u32) -> [f32; 4],
+        draws: Draws,
+        sink: &mut impl PathSink,
     ) -> bool {
         let limits = &self.settings.bounces;
         let surface = &mut scratch.surface;
@@ -241,14 +250,29 @@ impl Integrator<'_> {
                 transparent_left: path.transparent_left(limits),
             };
             let on_film = path.throughput * self.settings.film_exposure;
-            match lights.sample_direct(&shadow_tracer, point, surface, &mut scratch.shadow, on_film, draw(1))
-            {
+            match lights.sample_direct(
+                &shadow_tracer,
+                point,
+                surface,
+                &mut scratch.shadow,
+                on_film,
+                draws.at(1),
+            ) {
                 Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
                 Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
                 None => {}
             }
         }
-        let Some((sample, pdf)) = direction(surface, cones, u, || draw(GUIDE_GROUP)) else {
+        if let Some(entry) = surface.enters(u[2]) {
+            features.record_surface(surface);
+            let Some((exit, draws)) = self.cross_body(path, point, &entry, draws, surface) else {
+                return false;
+            };
+            sink.move_to(exit.position);
+            let [u0, u1, u2, _] = draws.at(0);
+            return self.scatter(path, &exit, [u0, u1, u2], guide, ray, scratch, features, last, draws, sink);
+        }
+        let Some((sample, pdf)) = direction(surface, cones, u, || draws.at(GUIDE_GROUP)) else {
             features.record_surface(surface);
             return false;
         };

@@ -22,6 +22,7 @@ pub mod settings;
 pub mod shading;
 mod static_light;
 mod strand;
+mod subsurface;
 
 pub use guide::{Guide, hit_probability};
 pub use integrator::{PathScratch, PathSink};

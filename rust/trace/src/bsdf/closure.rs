@@ -3,7 +3,7 @@ use relume_dump::Lobe;
 
 use super::frame::{cosine_pdf, sample_cosine};
 use super::normal::{SampleReach, SideNormals, bump_shadowing};
-use super::{AshikhminShirley, Hair, Interface, Microfacet, OrenNayar, Sheen};
+use super::{AshikhminShirley, Bssrdf, Hair, Interface, Microfacet, OrenNayar, Sheen};
 
 /// One way in which a surface scatters, and how much of it there is.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,8 @@ pub enum Scatter {
     OrenNayar(OrenNayar),
     /// Lambert's law on the other side.
     Translucent,
+    /// Rough diffuse scattering to the other side.
+    RoughTranslucent(OrenNayar),
     /// Straight through.
     Transparent,
     /// Reflection and refraction by facets.
@@ -35,6 +37,8 @@ pub enum Scatter {
     AshikhminShirley(AshikhminShirley),
     /// Cloth.
     Sheen(Sheen),
+    /// Into the body behind the surface: the path goes on where it leaves that, so that no direction is sampled.
+    Subsurface(Bssrdf),
     /// Fibre, which scatters to all sides. Its normal is not consulted.
     Hair(Hair),
 }
@@ -85,7 +89,12 @@ impl Closure {
                 let pdf = cosine_pdf(-self.normal.dot(wi));
                 (Vec3::splat(pdf), pdf)
             }
-            Scatter::Transparent => (Vec3::ZERO, 0.0),
+            Scatter::RoughTranslucent(model) => {
+                // What goes through is what a mirror in the surface would reflect.
+                let mirrored = wi - self.normal * (2.0 * self.normal.dot(wi));
+                (model.eval(wo, mirrored), cosine_pdf(-self.normal.dot(wi)))
+            }
+            Scatter::Transparent | Scatter::Subsurface(_) => (Vec3::ZERO, 0.0),
             Scatter::Microfacet(model) => model.eval(wo, wi),
             Scatter::AshikhminShirley(model) => {
                 let (value, pdf) = model.eval(wo, wi);
@@ -112,6 +121,7 @@ impl Closure {
     ) -> Option<ClosureSample> {
         let (wi, lobe, singular) = match &self.scatter {
             Scatter::Microfacet(model) => return model.sample(wo, sides, u),
+            Scatter::Subsurface(_) => return None,
             Scatter::Hair(model) => {
                 let (wi, lobe, response) = model.sample(u, is_mixed())?;
                 let (value, pdf) = (response.value(), response.pdf());
@@ -133,7 +143,9 @@ impl Closure {
             Scatter::Diffuse | Scatter::OrenNayar(_) => {
                 (sample_cosine(self.normal, [u[0], u[1]]), Lobe::Diffuse, false)
             }
-            Scatter::Translucent => (sample_cosine(-self.normal, [u[0], u[1]]), Lobe::Transmission, false),
+            Scatter::Translucent | Scatter::RoughTranslucent(_) => {
+                (sample_cosine(-self.normal, [u[0], u[1]]), Lobe::Transmission, false)
+            }
             Scatter::AshikhminShirley(model) => {
                 (model.sample(wo, [u[0], u[1]])?, Lobe::Glossy, model.is_singular())
             }
@@ -176,13 +188,17 @@ impl Closure {
     pub fn is_diffuse(&self) -> bool {
         matches!(
             self.scatter,
-            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) | Scatter::Translucent
+            Scatter::Diffuse
+                | Scatter::OrenNayar(_)
+                | Scatter::Sheen(_)
+                | Scatter::Translucent
+                | Scatter::RoughTranslucent(_)
         )
     }
 
     pub(crate) fn sharpness(&self) -> Sharpness {
         match &self.scatter {
-            Scatter::Transparent => Sharpness::Singular,
+            Scatter::Transparent | Scatter::Subsurface(_) => Sharpness::Singular,
             Scatter::AshikhminShirley(model) if model.is_singular() => Sharpness::Singular,
             Scatter::Microfacet(model) if model.is_singular() => Sharpness::Singular,
             Scatter::Microfacet(model)
@@ -197,7 +213,7 @@ impl Closure {
     /// True if some directions that have a density lead to the other side.
     pub(crate) fn transmits(&self) -> bool {
         match &self.scatter {
-            Scatter::Translucent | Scatter::Hair(_) => true,
+            Scatter::Translucent | Scatter::RoughTranslucent(_) | Scatter::Hair(_) => true,
             Scatter::Microfacet(model) => model.interface != Interface::Reflection,
             _ => false,
         }
@@ -208,8 +224,10 @@ impl Closure {
         match &self.scatter {
             Scatter::Microfacet(_) if self.normal.dot(wi) < 0.0 => Lobe::Transmission,
             Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) | Scatter::Hair(_) => Lobe::Glossy,
-            Scatter::Translucent | Scatter::Transparent => Lobe::Transmission,
-            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) => Lobe::Diffuse,
+            Scatter::Translucent | Scatter::RoughTranslucent(_) | Scatter::Transparent => Lobe::Transmission,
+            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) | Scatter::Subsurface(_) => {
+                Lobe::Diffuse
+            }
         }
     }
 

@@ -5,6 +5,7 @@
 //! goes on. Values include the cosine: `f |cos|`.
 
 mod ashikhmin;
+mod bssrdf;
 mod classes;
 mod closure;
 mod diffuse;
@@ -21,6 +22,8 @@ mod surface;
 mod tests;
 
 pub use ashikhmin::AshikhminShirley;
+pub(crate) use bssrdf::BodyEntry;
+pub use bssrdf::Bssrdf;
 pub use closure::{Closure, Scatter};
 pub use diffuse::OrenNayar;
 pub use distribution::{MicrofacetDistribution, SlopeDistribution};

@@ -79,12 +79,16 @@ impl Caustics {
 /// The closures and the emission of one surface point. Reused from hit to hit: nothing is allocated.
 #[derive(Clone, Debug)]
 pub struct Surface {
-    closures: Vec<Closure>,
+    pub(super) closures: Vec<Closure>,
     wo: Vec3,
     sides: SideNormals,
     emission: Vec3,
     transparency: Vec3,
     caustics: Caustics,
+    /// True if the path has scattered diffusely before it met the surface.
+    pub(super) is_after_diffuse: bool,
+    /// True if there is a [`Scatter::Subsurface`].
+    pub(super) has_body: bool,
     terminator: Terminator,
     /// True if one of the closures is hair.
     scatters_around: bool,
@@ -101,6 +105,8 @@ impl Default for Surface {
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
             caustics: Caustics::ALL,
+            is_after_diffuse: false,
+            has_body: false,
             terminator: Terminator::default(),
             scatters_around: false,
             values: Vec::new(),
@@ -114,9 +120,15 @@ impl Surface {
         self.caustics = caustics;
     }
 
+    /// Sets whether the path has scattered diffusely before, for closures that are added from now on.
+    pub(crate) fn set_after_diffuse(&mut self, is_after_diffuse: bool) {
+        self.is_after_diffuse = is_after_diffuse;
+    }
+
     /// Empties the surface and takes the frame of `point`.
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
+        self.has_body = false;
         self.scatters_around = false;
         self.wo = point.wo;
         self.sides = SideNormals { geometric: point.horizon_normal(), shading: point.shading_normal };
@@ -435,12 +447,12 @@ impl Surface {
         }
     }
 
-    fn total_weight(&self) -> f32 {
+    pub(super) fn total_weight(&self) -> f32 {
         self.closures.iter().map(|closure| closure.sample_weight).sum()
     }
 
     /// The closure that `u` falls on, and `u` stretched over it to 0..1.
-    fn choose(&self, u: f32, total: f32) -> Option<(usize, f32)> {
+    pub(super) fn choose(&self, u: f32, total: f32) -> Option<(usize, f32)> {
         let mut rest = u * total;
         let last = self.closures.len().checked_sub(1)?;
         for (index, closure) in self.closures.iter().enumerate() {

@@ -74,6 +74,7 @@ fn models() -> Vec<(&'static str, Build)> {
         ("diffuse", |_| Scatter::Diffuse),
         ("oren-nayar", |wo| Scatter::OrenNayar(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, wo))),
         ("translucent", |_| Scatter::Translucent),
+        ("rough translucent", |wo| Scatter::RoughTranslucent(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, wo))),
         ("sheen smooth", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.3, wo).unwrap().0)),
         ("sheen rough", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.9, wo).unwrap().0)),
         ("ashikhmin", |_| {
@@ -283,7 +284,9 @@ fn no_closure_creates_energy() {
 fn lossless_closures_return_all() {
     for wo in views() {
         for (name, build) in models() {
-            if ["diffuse", "oren-nayar", "translucent", "sheen smooth", "sheen rough"].contains(&name) {
+            let lossless =
+                ["diffuse", "oren-nayar", "translucent", "rough translucent", "sheen smooth", "sheen rough"];
+            if lossless.contains(&name) {
                 let returned = furnace(&surface_of(build, wo), 100_000).x;
                 assert!((returned - 1.0).abs() < 0.01, "{name} from {wo}: {returned}");
             }

@@ -9,7 +9,7 @@ use super::{
     traverse::{
         BlockHits, EDGE_SLACK, EXIT_SLACK, LocalRay, MAX_EDGE_SLACK, NearestHit, TraversalKernel, traverse,
     },
-    tree::{BvhLanes, BvhNode, Tree, TriangleBlock, WIDTH},
+    tree::{BvhLanes, BvhNode, Child, Tree, TriangleBlock, WIDTH},
 };
 
 /// [`traverse`] compiled for AVX2.
@@ -17,12 +17,13 @@ use super::{
 pub(super) fn traverse_avx2<const ANY: bool>(
     tree: &Tree,
     ray: &Ray,
+    root: Option<Child>,
     stack: &mut [MaybeUninit<u64>],
     accept: impl Fn(u32, u32) -> bool,
     enter_placement: impl Fn(u32) -> bool,
     source: impl Fn(u32) -> u32,
 ) -> Option<NearestHit> {
-    traverse::<Avx2Ray, ANY>(tree, ray, stack, accept, enter_placement, source)
+    traverse::<Avx2Ray, ANY>(tree, ray, root, stack, accept, enter_placement, source)
 }
 
 /// A ray with each coordinate in all lanes. Only made within [`traverse_avx2`].

@@ -10,7 +10,7 @@ use obvhs::{
     splits::split_aabbs_preset,
     triangle::Triangle,
 };
-use relume_scene::{Curves, Geometry, Instance, Mesh, Points, Scene};
+use relume_scene::{Curves, Geometry, Instance, Material, Mesh, Points, Scene};
 
 use super::{
     BvhError,
@@ -29,14 +29,20 @@ const REINSERTION_RATIO: f32 = 0.05;
 /// ones are copied into the world, since entering an instance costs about as much as two node tests.
 pub(super) const SHARED_MESH_TRIANGLES: usize = 64;
 
-/// Builds all trees of `scene`.
+/// Builds all trees of `scene`. Meshes that light scatters in have a tree of their own, which [`super::SceneBvh::intersect_within`]
+/// walks.
 pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     let mut uses = vec![0_usize; scene.meshes.len()];
+    let mut is_body = vec![false; scene.meshes.len()];
+    let scatters: Vec<bool> = scene.materials.iter().map(Material::has_subsurface).collect();
     for instance in &scene.instances {
         if let Geometry::Mesh(mesh) = instance.geometry {
             uses[mesh] += 1;
+            is_body[mesh] |= instance.materials.iter().any(|m| scatters.get(*m) == Some(&true));
         }
     }
+    let in_world = |mesh: usize| !is_body[mesh] && (uses[mesh] == 1 || is_small(&scene.meshes[mesh]));
+
     let mut tree = Growing::default();
     let (mut first_ids, mut instance_of) = (Vec::new(), Vec::new());
     let mut world = PrimitiveList::default();
@@ -44,7 +50,7 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     for (index, instance) in scene.instances.iter().enumerate() {
         first_ids.push(instance_of.len() as u32);
         match instance.geometry {
-            Geometry::Mesh(mesh) if uses[mesh] == 1 || is_small(&scene.meshes[mesh]) => {
+            Geometry::Mesh(mesh) if in_world(mesh) => {
                 let mesh = &scene.meshes[mesh];
                 world.add_mesh(mesh, instance.world_from_object, instance_of.len() as u32);
                 instance_of.resize(instance_of.len() + mesh.triangles.len(), index as u32);

@@ -29,7 +29,7 @@ use relume_scene::{Instance, Scene};
 
 use crate::shading::Hit;
 use traverse::{NearestHit, STACK, traverse};
-use tree::{PlacedKind, Placement, Tree};
+use tree::{Child, PlacedKind, Placement, Tree};
 
 /// A tree that could not be built.
 #[derive(Debug, thiserror::Error)]
@@ -82,8 +82,8 @@ pub struct SceneBvh {
     any_hidden: bool,
     /// Instances whose transform swaps left and right, so that their triangles turn around in the world.
     mirrored: Vec<bool>,
-    /// Instances that stand in the tree by reference.
-    placed: Vec<bool>,
+    /// Number of the placement of each instance that stands in the tree by reference; [`NOT_PLACED`] for others.
+    placements: Vec<u32>,
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "no other processor has it"))]
     use_avx2: bool,
 }
@@ -100,9 +100,11 @@ impl SceneBvh {
             .map(|instance| instance.world_from_object.matrix3.determinant() < 0.0)
             .collect();
         let tree = build::build(scene)?;
-        let mut placed = vec![false; scene.instances.len()];
-        tree.placements.iter().for_each(|placement| placed[placement.instance as usize] = true);
-        Ok(Self { tree: Arc::new(tree), visibility, any_hidden, mirrored, placed, use_avx2: has_avx2() })
+        let mut placements = vec![NOT_PLACED; scene.instances.len()];
+        for (number, placement) in tree.placements.iter().enumerate() {
+            placements[placement.instance as usize] = number as u32;
+        }
+        Ok(Self { tree: Arc::new(tree), visibility, any_hidden, mirrored, placements, use_avx2: has_avx2() })
     }
 
     /// Memory of the trees.
@@ -115,21 +117,28 @@ impl SceneBvh {
         self.walk::<false>(ray).map(|found| self.hit(ray, &found))
     }
 
+    /// The nearest hit with one instance alone, on either side and whatever sees it. Its mesh has to scatter light inside.
+    pub fn intersect_within(&self, ray: &Ray, instance: u32) -> Option<Hit> {
+        let placement = self.placements[instance as usize];
+        // Nothing can be met of what is scaled to nothing.
+        if placement == NOT_PLACED {
+            return None;
+        }
+        let from = ray.from.map_or(u32::MAX, |(_, triangle)| triangle);
+        let accept = |_: u32, id: u32| id != from;
+        self.with_stack(|stack| {
+            let root = Some(Child::placement(placement as usize));
+            self.traverse::<false>(ray, root, stack, accept, |_| true, |_| u32::MAX)
+        })
+        .map(|found| self.hit(ray, &found))
+    }
+
     /// True if anything is hit.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         self.walk::<true>(ray).is_some()
     }
 
     fn walk<const ANY: bool>(&self, ray: &Ray) -> Option<NearestHit> {
-        let mut on_stack = [const { MaybeUninit::uninit() }; STACK];
-        if self.tree.stack_depth <= STACK {
-            self.walk_with::<ANY>(ray, &mut on_stack)
-        } else {
-            self.walk_with::<ANY>(ray, &mut vec![MaybeUninit::uninit(); self.tree.stack_depth])
-        }
-    }
-
-    fn walk_with<const ANY: bool>(&self, ray: &Ray, stack: &mut [MaybeUninit<u64>]) -> Option<NearestHit> {
         let lobe = 1 << ray.lobe as u8;
         let (from_placed, from_id) = self.source_primitive(ray);
         let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & lobe != 0;
@@ -145,18 +154,41 @@ impl SceneBvh {
         let enter = |placement: u32| sees(placed_instance(placement));
         let source =
             |placement: u32| if placed_instance(placement) == from_placed { from_id } else { u32::MAX };
+        self.with_stack(|stack| self.traverse::<ANY>(ray, self.tree.root, stack, accept, enter, source))
+    }
+
+    #[inline(always)]
+    fn with_stack<T>(&self, walk: impl FnOnce(&mut [MaybeUninit<u64>]) -> T) -> T {
+        let mut on_stack = [const { MaybeUninit::uninit() }; STACK];
+        if self.tree.stack_depth <= STACK {
+            walk(&mut on_stack)
+        } else {
+            walk(&mut vec![MaybeUninit::uninit(); self.tree.stack_depth])
+        }
+    }
+
+    #[inline(always)]
+    fn traverse<const ANY: bool>(
+        &self,
+        ray: &Ray,
+        root: Option<Child>,
+        stack: &mut [MaybeUninit<u64>],
+        accept: impl Fn(u32, u32) -> bool,
+        enter: impl Fn(u32) -> bool,
+        source: impl Fn(u32) -> u32,
+    ) -> Option<NearestHit> {
         #[cfg(target_arch = "x86_64")]
         if self.use_avx2 {
             // SAFETY: `use_avx2` is set only where the processor has all features that the function enables.
-            return unsafe { avx2::traverse_avx2::<ANY>(&self.tree, ray, stack, accept, enter, source) };
+            return unsafe { avx2::traverse_avx2::<ANY>(&self.tree, ray, root, stack, accept, enter, source) };
         }
-        traverse::<scalar::Scalar, ANY>(&self.tree, ray, stack, accept, enter, source)
+        traverse::<scalar::Scalar, ANY>(&self.tree, ray, root, stack, accept, enter, source)
     }
 
     /// Instance of the primitive that the ray leaves if it is a placed one, and the primitive's number.
     fn source_primitive(&self, ray: &Ray) -> (u32, u32) {
         let Some((instance, primitive)) = ray.from else { return (u32::MAX, u32::MAX) };
-        if self.placed[instance as usize] {
+        if self.placements[instance as usize] != NOT_PLACED {
             (instance, primitive)
         } else {
             (u32::MAX, self.tree.first_ids[instance as usize] + primitive)
@@ -201,6 +233,9 @@ impl SceneBvh {
         Hit { instance, primitive: found.id, barycentrics, distance: found.t, front }
     }
 }
+
+/// Stands for the placement of an instance whose triangles are in the world's tree.
+const NOT_PLACED: u32 = u32::MAX;
 
 const ALL_VISIBLE: u8 = 0b1_1111;
 

@@ -89,12 +89,13 @@ fn entry(t: f32, child: Child) -> u64 {
     u64::from(t.to_bits()) << 32 | u64::from(child.0)
 }
 
-/// Nearest hit, or the first one met if `ANY`. `accept(placement, id)` says whether a triangle or sphere counts; `source(placement)`
-/// is the number of the primitive that the ray leaves, `u32::MAX` if it is elsewhere.
+/// Nearest hit below `root`, or the first one met if `ANY`. `accept(placement, id)` says whether a triangle or sphere
+/// counts; `source(placement)` is the number of the primitive that the ray leaves, `u32::MAX` if it is elsewhere.
 #[inline(always)]
 pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
     tree: &Tree,
     ray: &Ray,
+    root: Option<Child>,
     stack: &mut [MaybeUninit<u64>],
     accept: impl Fn(u32, u32) -> bool,
     enter_placement: impl Fn(u32) -> bool,
@@ -110,7 +111,7 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
     // Only strands need it.
     let mut strand_ray: Option<StrandRay> = None;
     let mut top = 0;
-    let mut current = tree.root?;
+    let mut current = root?;
     loop {
         match current.kind() {
             ChildKind::Node(index) => {

@@ -9,6 +9,7 @@ use super::evaluate::{Known, ShadingContext};
 use super::graph::Aid;
 use super::hair;
 use super::principled::{self, Parameters};
+use super::subsurface::{self, BodyParameters};
 use super::values::NodeInputs;
 use crate::bsdf::{
     AshikhminShirley, Compensation, Fresnel, Interface, Microfacet, MicrofacetDistribution, OrenNayar,
@@ -122,6 +123,16 @@ fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known,
         Node::Translucent { color, normal } => {
             let normal = context.specular_normal(known.normal(normal));
             surface.add(known.vector(color) * weight, Vec3::ONE, normal, Scatter::Translucent);
+        }
+        Node::SubsurfaceScattering { color, roughness, normal, subsurface } => {
+            let color = known.vector(color);
+            let body = BodyParameters::read(subsurface, known);
+            let boundary = subsurface::Boundary {
+                normal: context.specular_normal(known.normal(normal)),
+                alpha: known.float(roughness).clamp(0.0, 1.0),
+                ior: body.ior,
+            };
+            subsurface::add(&body, color * weight, color, &boundary, point, surface);
         }
         Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
         Node::Emission { color, strength } => {

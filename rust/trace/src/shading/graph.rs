@@ -23,6 +23,8 @@ pub struct Graph {
     pub needs: Vec<Vec<NodeId>>,
     /// Parts of a node that can be computed beforehand.
     pub aids: Vec<Aid>,
+    /// True if light that leaves a body does so by another normal than the mesh's.
+    pub bends_exits: bool,
 }
 
 /// Precomputed part of a node.
@@ -71,7 +73,13 @@ impl Graph {
         cut_forward_links(&mut nodes, &material.name, &mut warnings);
         fold_constants(&mut nodes);
         let surface = material.surface.filter(|surface| (*surface as usize) < nodes.len());
-        let mut graph = Self { surface, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), nodes };
+        let bends_exits = nodes.iter().any(|node| match node {
+            Node::Principled { subsurface, normal, .. } => subsurface.is_some() && normal.is_some(),
+            Node::SubsurfaceScattering { normal, .. } => normal.is_some(),
+            _ => false,
+        });
+        let needs = vec![Vec::new(); nodes.len()];
+        let mut graph = Self { surface, needs, aids: Vec::new(), bends_exits, nodes };
         if let Some(surface) = surface
             && graph.plan(surface, &BTreeSet::new(), &mut 0).is_none()
         {

@@ -16,6 +16,7 @@ mod prepared;
 mod principled;
 mod procedural;
 mod strands;
+mod subsurface;
 mod tangents;
 #[cfg(test)]
 mod tests;

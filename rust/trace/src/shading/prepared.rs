@@ -162,6 +162,17 @@ impl PreparedMaterials {
         }
     }
 
+    /// Normal by which light leaves a body at `point`: that of its shader. What is in `surface` is of no meaning after.
+    pub(crate) fn exit_normal(&self, scene: &Scene, point: &SurfacePoint, surface: &mut Surface) -> Vec3 {
+        let instance = &scene.instances[point.instance as usize];
+        let material = instance.material_of(scene, point.primitive as usize);
+        if !material.is_some_and(|material| self.graphs[material].bends_exits) {
+            return point.shading_normal;
+        }
+        self.evaluate(scene, point, surface);
+        surface.body_normal().unwrap_or(point.shading_normal)
+    }
+
     /// The world's texture, white without one, along the unit `direction` of a ray that leaves the scene.
     pub fn world_texel(&self, scene: &Scene, direction: Vec3) -> Vec3 {
         let Some(index) = scene.world.texture else { return Vec3::ONE };

@@ -8,5 +8,6 @@ mod failures;
 mod furnace;
 mod lights;
 mod limits;
+mod subsurface;
 mod support;
 mod surfaces;
