@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::{Camera, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 impl Scene {
-    /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world and
+    /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world but for its volume, and
     /// warnings do not count, since paths serve any lights and any world, nor do textures that no material shows, nor the names of the
     /// camera and of materials.
     pub fn hash(&self) -> String {
@@ -19,6 +19,9 @@ impl Scene {
         json(&mut hasher, &(camera, materials, &self.working_space));
         self.meshes.iter().for_each(|mesh| hash_mesh(&mut hasher, mesh));
         self.instances.iter().for_each(|instance| hash_instance(&mut hasher, instance));
+        if let Some(volume) = self.world.volume {
+            json(&mut hasher, &(volume, self.world.receiver));
+        }
         for number in self.material_textures() {
             json(&mut hasher, &number);
             self.textures.get(number).into_iter().for_each(|texture| hash_texture(&mut hasher, texture));
@@ -113,6 +116,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     );
     if instance.shadow_terminator_shading != 0.0 {
         json(hasher, &instance.shadow_terminator_shading);
+    }
+    if (instance.visible_volume_scatter, instance.density_factor) != (true, 1.0) {
+        json(hasher, &(instance.visible_volume_scatter, instance.density_factor));
     }
 }
 

@@ -55,7 +55,7 @@ impl Scene {
         for texture in &self.textures {
             check("image", &texture.name, texture_fault(texture));
         }
-        check("world", "World", world_fault(&self.world, &self.textures));
+        check("world", "World", world_fault(&self.world, &self.textures).or_else(|| self.world_volume_fault()));
         if faults.is_empty() { Ok(()) } else { Err(faults) }
     }
 
@@ -68,6 +68,12 @@ impl Scene {
             names[usize::from(instance.receiver)].clone_from(&instance.name);
         }
         names
+    }
+
+    fn world_volume_fault(&self) -> Option<String> {
+        let material = self.materials.get(self.world.volume?);
+        let has_volume = material.is_some_and(|material| material.volume.is_some());
+        (!has_volume).then(|| "the material of its volume does not exist or has none".to_owned())
     }
 
     fn camera_fault(&self) -> Option<String> {
@@ -107,6 +113,8 @@ impl Scene {
             Some(format!("its receiver number is above {}", Instance::RECEIVER_LIMIT - 1))
         } else if !instance.world_from_object.is_finite() {
             Some("its transform is not finite; clear its transform".to_owned())
+        } else if !(instance.density_factor >= 0.0 && instance.density_factor.is_finite()) {
+            Some("the factor on its volume's density is negative or not finite; correct its scale".to_owned())
         } else {
             None
         }
@@ -124,6 +132,9 @@ impl Scene {
         }
         if material.surface.is_some_and(|surface| surface as usize >= material.nodes.len()) {
             return Some("its surface node does not exist".to_owned());
+        }
+        if material.volume.is_some_and(|volume| volume as usize >= material.nodes.len()) {
+            return Some("its volume node does not exist".to_owned());
         }
         let is_too_bright = material.nodes.iter().any(|node| glow(node) > MOST_RADIANCE);
         is_too_bright
@@ -143,6 +154,10 @@ fn glow(node: &Node) -> f32 {
         Node::Principled { emission_color, emission_strength, .. } => {
             brightest(emission_color) * brightest(emission_strength)
         }
+        Node::PrincipledVolume { emission_color, emission_strength, .. } => {
+            brightest(emission_color) * brightest(emission_strength)
+        }
+        Node::VolumeCoefficients { emission, .. } => brightest(emission),
         _ => 0.0,
     }
 }

@@ -28,6 +28,7 @@ pub(crate) struct PathState {
     glossy: u32,
     transmission: u32,
     transparent: u32,
+    volume: u32,
     /// True if the current segment left a transparent surface.
     through_transparent: bool,
     /// The next surface only emits and lets through.
@@ -61,6 +62,7 @@ impl PathState {
             glossy: 0,
             transmission: 0,
             transparent: 0,
+            volume: 0,
             through_transparent: false,
             last_surface: false,
             ends_on_surface: false,
@@ -94,6 +96,17 @@ impl PathState {
             self.bounces <= limits.min_total + 1
         };
         if is_early { 1.0 } else { self.throughput.abs().max_element().sqrt().min(1.0) }
+    }
+
+    /// Scatters in a medium. What the collision leaves of the light was taken into account there; `weight` is of the direction.
+    pub fn scatter_in_medium(&mut self, weight: Vec3, pdf: f32, limits: &BounceLimits) {
+        self.throughput *= weight;
+        self.min_pdf = self.min_pdf.min(pdf);
+        (self.lobe, self.light_lobe, self.is_diffuse) = (Lobe::Volume, Lobe::Volume, false);
+        self.through_transparent = false;
+        self.bounces += 1;
+        self.volume += 1;
+        self.last_surface |= self.volume > limits.volume || self.bounces > limits.total;
     }
 
     /// Goes straight through a surface.

@@ -14,6 +14,7 @@ use crate::{
     environment::EnvironmentLight,
     guide::Guide,
     integrator::{Integrator, PathScratch, PathSink},
+    media::Media,
     sampler::PixelSampler,
     settings::TraceSettings,
     shading::PreparedMaterials,
@@ -114,8 +115,10 @@ impl<'a> Tracer<'a> {
         } else {
             None
         };
+        let media = Media::new(scene, &materials, &guide_targets(scene, settings));
         let integrator = Integrator {
             scene,
+            media,
             bvh: SceneBvh::new(scene)?,
             camera: CameraSampler::new(&scene.camera, paths.filter),
             materials,

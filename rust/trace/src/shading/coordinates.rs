@@ -65,6 +65,9 @@ pub fn footprint_axes(normal: Vec3) -> (Vec3, Vec3) {
 /// The point moved by a vector in the plane of its triangle.
 pub fn shifted(context: &ShadingContext, offset: Vec3) -> SurfacePoint {
     let point = context.point;
+    if point.is_in_medium() {
+        return SurfacePoint { position: point.position + offset, ..*point };
+    }
     let mesh = context.mesh();
     let matrix = context.instance().world_from_object.matrix3;
     let [a, b, c] = mesh.triangles[point.triangle as usize].map(|vertex| mesh.positions[vertex as usize]);

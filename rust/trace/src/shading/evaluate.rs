@@ -63,11 +63,11 @@ impl Known<'_, '_> {
 
 impl<'a> ShadingContext<'a> {
     pub fn instance(&self) -> &'a Instance {
-        &self.scene.instances[self.point.instance as usize]
+        self.scene.instances.get(self.point.instance as usize).unwrap_or(&self.prepared.space)
     }
 
     pub fn mesh(&self) -> &'a Mesh {
-        &self.scene.meshes[self.point.mesh as usize]
+        self.scene.meshes.get(self.point.mesh as usize).unwrap_or(&self.prepared.emptiness)
     }
 
     /// Evaluates `nodes` in order. `scratch` holds values of bump heights at shifted points.
@@ -152,7 +152,8 @@ impl<'a> ShadingContext<'a> {
 
     /// UV coordinates of the named map with this number; 0 where the mesh lacks it.
     fn uv(&self, name: usize) -> Vec3 {
-        let Some(map) = self.prepared.uv_map(self.point.mesh, name) else { return Vec3::ZERO };
+        let map = self.prepared.uv_map(self.point.mesh, name).filter(|_| !self.point.is_in_medium());
+        let Some(map) = map else { return Vec3::ZERO };
         self.interpolate_uv(map).extend(0.0)
     }
 
@@ -163,6 +164,9 @@ impl<'a> ShadingContext<'a> {
 
     /// The attribute with this name number, alpha 1 for a UV map; nothing where the mesh lacks it.
     fn named(&self, name: usize) -> Option<Vec4> {
+        if self.point.is_in_medium() {
+            return self.field(name);
+        }
         Some(match self.prepared.attribute(self.point.mesh, name)? {
             NamedAttribute::Color(map) => {
                 let colors = &self.mesh().color_attributes[map].colors;
@@ -170,6 +174,11 @@ impl<'a> ShadingContext<'a> {
             }
             NamedAttribute::Uv(map) => self.interpolate_uv(map).extend(0.0).extend(1.0),
         })
+    }
+
+    /// Value at a point within a medium of the grid with this name number; nothing where its object has none. Meshes have none.
+    pub fn field(&self, name: usize) -> Option<Vec4> {
+        self.prepared.field(self.scene, self.point.instance, name, self.point.position)
     }
 
     /// A height along a world-space normal as a vector in world space. A height in object space is scaled with the object.
@@ -207,7 +216,8 @@ impl<'a> ShadingContext<'a> {
         let blender_axes = Vec3::new(1.0, -1.0, -1.0);
         let normal = match space {
             NormalSpace::Tangent => {
-                let Some(tangents) = self.prepared.tangents(point.mesh, uv_map) else { return smooth };
+                let tangents = self.prepared.tangents(point.mesh, uv_map).filter(|_| !point.is_in_medium());
+                let Some(tangents) = tangents else { return smooth };
                 let tangent = self.interpolate(|corner| tangents[corner].truncate());
                 let sign = self.interpolate(|corner| tangents[corner].w);
                 let normal = self.object_normal();
@@ -228,7 +238,7 @@ impl<'a> ShadingContext<'a> {
     /// Interpolated object-space normal, not normalised, on the front whatever the side of the ray.
     fn object_normal(&self) -> Vec3 {
         let normals = &self.mesh().corner_normals;
-        if normals.is_empty() {
+        if normals.is_empty() || self.point.is_in_medium() {
             let side = if self.point.backfacing { -1.0 } else { 1.0 };
             self.prepared.object_normal(self.point.instance, self.point.geometric_normal * side)
         } else {
