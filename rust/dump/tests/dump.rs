@@ -31,7 +31,8 @@ fn manifest() -> Manifest {
 }
 
 fn segment(end: End, lobe: Lobe, throughput: f32) -> Segment {
-    Segment { end, throughput: Vec3::splat(throughput), lobe, receiver: u16::from(lobe != Lobe::Camera) }
+    let receiver = u16::from(lobe != Lobe::Camera);
+    Segment { end, throughput: Vec3::splat(throughput), lobe, receiver, continues: false }
 }
 
 /// Pixel p, path k: camera -> (p, k, 0) -> (p, k, 10) -> escapes upwards.

@@ -71,7 +71,13 @@ impl PathState {
 
     /// The current segment, which ends at `end`.
     pub fn segment(&self, end: End) -> Segment {
-        Segment { end, throughput: self.throughput, lobe: self.light_lobe, receiver: self.receiver }
+        Segment {
+            end,
+            throughput: self.throughput,
+            lobe: self.light_lobe,
+            receiver: self.receiver,
+            continues: self.through_transparent,
+        }
     }
 
     /// True if the path is on the first surface after the camera.

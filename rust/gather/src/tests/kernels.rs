@@ -209,7 +209,7 @@ fn crossing_dump() -> Dump {
             let end = Vec3::new(0.0, 0.0, if index % 2 == 0 { -5.0 } else { 5.0 });
             let throughput = Vec3::splat(f32::from(1u8 << index));
             let receiver = index as u16;
-            samples.push(Segment { end: End::Vertex(end), throughput, lobe, receiver });
+            samples.push(Segment { end: End::Vertex(end), throughput, lobe, receiver, continues: false });
         }
         samples.push(segment(End::Escape(Vec3::X), Lobe::Diffuse));
     })
