@@ -177,9 +177,10 @@ impl SceneBuilder {
         }
     }
 
-    /// A scene of nothing but the world, for who needs only that.
+    /// A scene of nothing but the light of the world, for who needs only that.
     pub fn build_world(self) -> Scene {
         let Scene { world, textures, working_space, warnings, .. } = self.scene;
+        let world = World { volume: None, ..world };
         Scene { world, textures, working_space, warnings, ..Scene::default() }
     }
 

@@ -265,7 +265,7 @@ mod tests {
     fn materials_that_glow_too_brightly_are_named() {
         let glowing = |color, strength| {
             let nodes = vec![Node::Emission { color, strength: Input::Float(strength) }];
-            Scene { materials: vec![Material { name: "Neon".into(), nodes, surface: Some(0) }], ..scene() }
+            Scene { materials: vec![Material { name: "Neon".into(), nodes, surface: Some(0), ..Material::default() }], ..scene() }
         };
         let linked = || Input::Link { node: 0, output: crate::Output::Color };
         assert_eq!(glowing(Input::Rgb([1.0, 0.5, 0.0]), 1e30).validate(), Ok(()));

@@ -31,6 +31,8 @@ pub(crate) struct PathState {
     volume: u32,
     /// True if the current segment left a transparent surface.
     through_transparent: bool,
+    /// True if it continues the ray of the segment before it.
+    continues: bool,
     /// The next surface only emits and lets through.
     last_surface: bool,
     /// The next surface only emits.
@@ -64,6 +66,7 @@ impl PathState {
             transparent: 0,
             volume: 0,
             through_transparent: false,
+            continues: false,
             last_surface: false,
             ends_on_surface: false,
         }
@@ -76,7 +79,7 @@ impl PathState {
             throughput: self.throughput,
             lobe: self.light_lobe,
             receiver: self.receiver,
-            continues: self.through_transparent,
+            continues: self.continues,
         }
     }
 
@@ -104,12 +107,18 @@ impl PathState {
         if is_early { 1.0 } else { self.throughput.abs().max_element().sqrt().min(1.0) }
     }
 
+    /// Goes straight on with another weight, within a medium that dims channels differently.
+    pub fn change(&mut self, weight: Vec3) {
+        self.throughput *= weight;
+        self.continues = true;
+    }
+
     /// Scatters in a medium. What the collision leaves of the light was taken into account there; `weight` is of the direction.
     pub fn scatter_in_medium(&mut self, weight: Vec3, pdf: f32, limits: &BounceLimits) {
         self.throughput *= weight;
         self.min_pdf = self.min_pdf.min(pdf);
         (self.lobe, self.light_lobe, self.is_diffuse) = (Lobe::Volume, Lobe::Volume, false);
-        self.through_transparent = false;
+        (self.through_transparent, self.continues) = (false, false);
         self.bounces += 1;
         self.volume += 1;
         self.last_surface |= self.volume > limits.volume || self.bounces > limits.total;
@@ -119,7 +128,7 @@ impl PathState {
     pub fn pass_through(&mut self, weight: Vec3, limits: &BounceLimits) {
         self.throughput *= weight;
         self.transparent += 1;
-        self.through_transparent = true;
+        (self.through_transparent, self.continues) = (true, true);
         self.ends_on_surface |=
             self.transparent >= limits.transparent.saturating_add(limits.more_transparent);
     }
@@ -143,7 +152,7 @@ impl PathState {
         self.lobe = sample.lobe;
         self.is_diffuse = sample.diffuse;
         self.light_lobe = sample.light_lobe;
-        self.through_transparent = false;
+        (self.through_transparent, self.continues) = (false, false);
         self.bounces += 1;
         let (count, limit) = match sample.lobe {
             Lobe::Diffuse => (&mut self.diffuse, limits.diffuse),

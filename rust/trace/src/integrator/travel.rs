@@ -7,7 +7,6 @@ use super::{Features, Integrator, PathSink, Walk};
 use crate::{
     bvh::Ray,
     media::{Flight, HullCrossing, Landing, Media, MediaScratch, MediaSpace, TrackingNumbers, VolumeStack},
-    path::PathState,
     shading::Hit,
 };
 
@@ -178,14 +177,14 @@ impl Integrator<'_> {
         let Some([from, to]) = bounds.clip(route.start, end) else { return };
         let is_apart = from != route.recorded;
         if is_apart {
-            let way = Segment { end: End::Vertex(from), throughput: Vec3::ZERO, ..segment };
+            let way = Segment { end: End::Vertex(from), throughput: Vec3::ZERO, continues: false, ..segment };
             sink.push(way);
         }
         let end = match segment.end {
             End::Vertex(_) => End::Vertex(to),
             escape @ End::Escape(_) => escape,
         };
-        sink.push(Segment { end, ..segment });
+        sink.push(Segment { end, continues: segment.continues && !is_apart, ..segment });
         route.recorded = to;
     }
 }
@@ -209,12 +208,5 @@ impl Features {
                 ..self.sample
             };
         }
-    }
-}
-
-impl PathState {
-    /// Goes straight on with another weight, along the same ray.
-    fn change(&mut self, weight: Vec3) {
-        self.throughput *= weight;
     }
 }
