@@ -12,10 +12,12 @@ import bpy
 
 from ..images import ImageExporter
 from .closures import CLOSURES, FALLBACK_CLOSURES
+from .graph import used_tree
 from .translation import DEFAULT_SURFACE, NodeTables, Translation
 from .values import VALUES, asked_of
+from .volumes import VOLUMES
 
-TABLES = NodeTables(CLOSURES, FALLBACK_CLOSURES, VALUES)
+TABLES = NodeTables(CLOSURES, FALLBACK_CLOSURES, VOLUMES, VALUES)
 
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
 NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
@@ -36,6 +38,8 @@ class MaterialExporter:
         self.numbers: dict[str | None, int] = {}
         self.emissive: set[int] = set()
         """Numbers of those that may emit light."""
+        self.filled: set[int] = set()
+        """Numbers of those with a volume."""
         self.attributes: dict[int, dict[str, str]] = {}
         """Names of attributes that a material reads from meshes, with the material and node for messages, by the
         material's number."""
@@ -46,6 +50,24 @@ class MaterialExporter:
         if key not in self.numbers:
             self.numbers[key] = self._export(material, object_name)
         return self.numbers[key]
+
+    def world_volume(self, world: bpy.types.World) -> int | None:
+        """Number of a material whose volume is that of a world; None if it has none."""
+        translation = Translation(self.builder, self.images, TABLES, None, "")
+        translation.title, translation.owner = world.name, f"world '{world.name}'"
+        try:
+            with _deep_recursion():
+                volume = translation.volume(used_tree(world))
+            if not volume:
+                return None
+            description = {"name": world.name, "nodes": translation.nodes, "surface": None, **volume}
+            if not _is_finite(description):
+                translation.warn("a value of its volume is not a finite number; left out")
+                return None
+            return int(self.builder.add_material(json.dumps(description)))
+        except NOT_UNDERSTOOD as error:
+            translation.warn(f"the nodes of its volume are not understood ({error}); left out")
+            return None
 
     def _export(self, material: bpy.types.Material | None, object_name: str) -> int:
         translation = Translation(self.builder, self.images, TABLES, material, object_name)
@@ -69,6 +91,8 @@ class MaterialExporter:
         }
         if _any(description, EMISSION):
             self.emissive.add(number)
+        if "volume" in description:
+            self.filled.add(number)
         return number
 
 
