@@ -96,19 +96,19 @@ impl Integrator<'_> {
         let mut last = None;
         for surface_number in 0.. {
             let Some(hit) = self.bvh.intersect(&ray) else {
-                self.escape(&path, ray.direction, last, &mut features, sink);
+                self.escape(&mut path, ray.direction, last, &mut features, sink);
                 break;
             };
             if let Some(lights_only) = path.lights_only {
                 if (hit.instance, hit.triangle) != lights_only.triangle {
                     let end = End::Vertex(lights_only.vertex + ray.direction * hit.distance);
-                    self.record(&path, last, end, sink);
+                    self.record(&mut path, last, end, sink);
                 }
                 break;
             }
             footprint += camera.spread * hit.distance;
             let point = self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, footprint);
-            self.record(&path, last, End::Vertex(point.position), sink);
+            self.record(&mut path, last, End::Vertex(point.position), sink);
             scratch.surface.show(if path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
             self.materials.evaluate(self.scene, &point, &mut scratch.surface);
             if surface_number == 0 {
@@ -144,17 +144,23 @@ impl Integrator<'_> {
     }
 
     /// Records the path's current segment, as the film sees it, if lights along it count. `last` is there if lights are also sampled from its place.
-    fn record(&self, path: &PathState, last: Option<LastBounce>, end: End, sink: &mut impl PathSink) {
-        if path.sees_lights(&self.settings.bounces, last.is_none()) {
-            let segment = path.segment(end);
-            sink.push(Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment });
+    fn record(&self, path: &mut PathState, last: Option<LastBounce>, end: End, sink: &mut impl PathSink) {
+        let segment = path.segment(end);
+        if !path.sees_lights(&self.settings.bounces, last.is_none()) {
+            path.left_out = Some(end);
+            return;
         }
+        if let Some(end) = path.left_out.take() {
+            // Where it is recorded again it starts at the end of what was left out.
+            sink.push(Segment { end, throughput: Vec3::ZERO, ..segment });
+        }
+        sink.push(Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment });
     }
 
     /// The path leaves the scene.
     fn escape(
         &self,
-        path: &PathState,
+        path: &mut PathState,
         direction: Vec3,
         last: Option<LastBounce>,
         features: &mut Features,
