@@ -45,6 +45,7 @@ use crate::gather::{SumSink, add};
 use crate::kernel::{self, KernelWork, SegmentBlock, Visitor};
 use crate::lanes::{Lanes, Portable, WIDTH};
 use crate::light::{PreparedLight, Reach};
+use crate::piece::RayPiece;
 use crate::{Gather, GatherError, SampleSplit};
 
 /// Share of the extent up to which a light's reach is so small that a first test on packed records saves time.
@@ -305,14 +306,15 @@ impl Visitor for SoftSums<'_> {
             if factor == 0.0 || (only_escaped && !flags.escaped()) || edge == [0.0; 3] {
                 continue;
             }
-            for axis in 0..3 {
-                self.origin[axis][self.waiting] = origin[axis];
-                self.edge[axis][self.waiting] = edge[axis];
+            if !flags.continues() || only_escaped {
+                self.wait::<L>(origin, edge, (throughput[record], factor));
+                continue;
             }
-            (self.throughput[self.waiting], self.factor[self.waiting]) = (throughput[record], factor);
-            self.waiting += 1;
-            if self.waiting == WIDTH {
-                self.flush::<L>();
+            let piece = RayPiece::new(shard.ray_origin(record), origin.into(), edge.into());
+            let origin = piece.origin.into();
+            self.wait::<L>(origin, piece.to_end.into(), (throughput[record], factor));
+            if piece.to_start != Vec3::ZERO {
+                self.wait::<L>(origin, piece.to_start.into(), (throughput[record], -factor));
             }
         }
     }
@@ -332,6 +334,20 @@ impl<'a> SoftSums<'a> {
             factor: [0.0; WIDTH],
             waiting: 0,
             outputs: [[[0.0; WIDTH]; 3]; OUTPUTS],
+        }
+    }
+
+    /// Takes a segment that is longer than 0, with its throughput and factor.
+    #[inline(always)]
+    fn wait<L: Lanes>(&mut self, origin: [f32; 3], edge: [f32; 3], (throughput, factor): (u32, f32)) {
+        for axis in 0..3 {
+            self.origin[axis][self.waiting] = origin[axis];
+            self.edge[axis][self.waiting] = edge[axis];
+        }
+        (self.throughput[self.waiting], self.factor[self.waiting]) = (throughput, factor);
+        self.waiting += 1;
+        if self.waiting == WIDTH {
+            self.flush::<L>();
         }
     }
 

@@ -173,14 +173,23 @@ impl Integrator<'_> {
 
     /// Records the path's current segment, as the film sees it, if lights along it count.
     fn record(&self, walk: &mut Walk, end: End, sink: &mut impl PathSink) {
-        if walk.path.sees_lights(&self.settings.bounces, walk.last.is_none()) {
-            let segment = walk.path.segment(end);
-            let segment = Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment };
-            match (&self.media, &mut walk.route) {
-                (Some(media), Some(route)) => self.record_within(media, route, segment, sink),
-                _ => sink.push(segment),
-            }
+        let segment = walk.path.segment(end);
+        if !walk.path.sees_lights(&self.settings.bounces, walk.last.is_none()) {
+            walk.path.left_out = Some(end);
+            return;
         }
+        let left_out = walk.path.left_out.take();
+        let segment = Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment };
+        let bounds = self.media.as_ref().and_then(Media::recorded);
+        if let (Some(bounds), Some(route)) = (bounds, &mut walk.route) {
+            route.record_within(bounds, segment, sink);
+            return;
+        }
+        if let Some(end) = left_out {
+            // Where it is recorded again it starts at the end of what was left out.
+            sink.push(Segment { end, throughput: Vec3::ZERO, ..segment });
+        }
+        sink.push(segment);
     }
 
     /// The path leaves the scene.

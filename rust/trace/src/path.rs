@@ -21,6 +21,8 @@ pub(crate) struct PathState {
     pub receiver: u16,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::SampleReach::Lights`]).
     pub lights_only: Option<LightsOnly>,
+    /// End of the segment before, if that was left out of the record. Segments that continue its ray are left out, too.
+    pub left_out: Option<End>,
     /// Smallest density of the path's directions so far (Filter Glossy).
     pub min_pdf: f32,
     bounces: u32,
@@ -58,6 +60,7 @@ impl PathState {
             light_lobe: Lobe::Camera,
             receiver: 0,
             lights_only: None,
+            left_out: None,
             min_pdf: f32::INFINITY,
             bounces: 0,
             diffuse: 0,

@@ -4,6 +4,7 @@ mod closed_form;
 mod denoise;
 mod images;
 pub mod kernels;
+pub mod pieces;
 mod soft;
 
 use glam::Vec3;

@@ -6,7 +6,7 @@ use relume_dump::{AovSample, End, Segment};
 use super::{Features, Integrator, PathSink, Walk};
 use crate::{
     bvh::Ray,
-    media::{Flight, HullCrossing, Landing, Media, MediaScratch, MediaSpace, TrackingNumbers, VolumeStack},
+    media::{Bounds, Flight, HullCrossing, Landing, Media, MediaScratch, MediaSpace, TrackingNumbers, VolumeStack},
     shading::Hit,
 };
 
@@ -41,6 +41,32 @@ pub(super) struct Route {
 impl Route {
     pub fn new(stack: VolumeStack, start: Vec3) -> Self {
         Self { stack, start, recorded: start, travelled: 0.0 }
+    }
+
+    /// Records a segment of a scene in which all space is filled: the part of it within the box outside of which positions are not
+    /// stored. A record without weight leads to where it starts, if that is not where the last one ended.
+    pub(super) fn record_within(
+        &mut self,
+        bounds: &Bounds,
+        segment: Segment,
+        sink: &mut impl PathSink,
+    ) {
+        let end = match segment.end {
+            End::Vertex(end) => end,
+            End::Escape(direction) => self.start + direction * bounds.reach(self.start),
+        };
+        let Some([from, to]) = bounds.clip(self.start, end) else { return };
+        let is_apart = from != self.recorded;
+        if is_apart {
+            let way = Segment { end: End::Vertex(from), throughput: Vec3::ZERO, continues: false, ..segment };
+            sink.push(way);
+        }
+        let end = match segment.end {
+            End::Vertex(_) => End::Vertex(to),
+            escape @ End::Escape(_) => escape,
+        };
+        sink.push(Segment { end, continues: segment.continues && !is_apart, ..segment });
+        self.recorded = to;
     }
 }
 
@@ -155,37 +181,6 @@ impl Integrator<'_> {
                 }
             }
         }
-    }
-
-    /// Records a segment of a scene in which all space is filled: the part of it within the box outside of which positions are not
-    /// stored. A record without weight leads to where it starts, if that is not where the last one ended.
-    pub(super) fn record_within(
-        &self,
-        media: &Media,
-        route: &mut Route,
-        segment: Segment,
-        sink: &mut impl PathSink,
-    ) {
-        let Some(bounds) = media.recorded() else {
-            sink.push(segment);
-            return;
-        };
-        let end = match segment.end {
-            End::Vertex(end) => end,
-            End::Escape(direction) => route.start + direction * bounds.reach(route.start),
-        };
-        let Some([from, to]) = bounds.clip(route.start, end) else { return };
-        let is_apart = from != route.recorded;
-        if is_apart {
-            let way = Segment { end: End::Vertex(from), throughput: Vec3::ZERO, continues: false, ..segment };
-            sink.push(way);
-        }
-        let end = match segment.end {
-            End::Vertex(_) => End::Vertex(to),
-            escape @ End::Escape(_) => escape,
-        };
-        sink.push(Segment { end, continues: segment.continues && !is_apart, ..segment });
-        route.recorded = to;
     }
 }
 
