@@ -144,7 +144,7 @@ impl Integrator<'_> {
                 }
                 Arrival::Surface(hit) => {
                     if let Some(lights_only) = walk.path.lights_only {
-                        if (hit.instance, hit.triangle) != lights_only.triangle {
+                        if (hit.instance, hit.primitive) != lights_only.primitive {
                             let end = lights_only.vertex + walk.ray.direction * hit.distance;
                             self.record(&mut walk, End::Vertex(end), sink);
                         }
@@ -308,8 +308,8 @@ impl Integrator<'_> {
         ray.direction = sample.wi;
         if sample.lights_only {
             offset_for_terminator(ray, &self.materials, self.scene, point);
-            let triangle = (point.instance, point.triangle);
-            path.lights_only = Some(LightsOnly { vertex: point.position, triangle });
+            let primitive = (point.instance, point.primitive);
+            path.lights_only = Some(LightsOnly { vertex: point.position, primitive });
         } else {
             offset_origin(ray, point);
         }
@@ -325,7 +325,7 @@ impl Integrator<'_> {
         if let (Some(media), Some(route)) = (&self.media, &mut walk.route)
             && goes_through
         {
-            let triangle = (point.instance, point.triangle);
+            let triangle = (point.instance, point.primitive);
             media.cross_at(self.scene, triangle, point.backfacing, &mut route.stack);
         }
         walk.begin_segment(point.position);

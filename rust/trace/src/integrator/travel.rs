@@ -86,7 +86,7 @@ impl Integrator<'_> {
         let (mut crossing, mut entered) = (HullCrossing::default(), VolumeStack::default());
         while let Some(hit) = self.bvh.intersect(&ray).filter(|_| !crossing.is_worn_out()) {
             if hit.front.z > 0.0 {
-                let was_entered = media.number(self.scene, (hit.instance, hit.triangle));
+                let was_entered = media.number(self.scene, (hit.instance, hit.primitive));
                 if let Some(medium) = was_entered.filter(|medium| !entered.media().contains(medium)) {
                     stack.enter(medium);
                 }

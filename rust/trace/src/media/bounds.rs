@@ -1,5 +1,5 @@
 use glam::Vec3;
-use relume_scene::{Instance, Light, LightShape, Mesh, Scene};
+use relume_scene::{Geometry, Instance, Light, LightShape, Scene};
 
 /// Room that is left around a scene in which all space is filled, so that lights can be moved there: as much as it is wide, on each
 /// side.
@@ -20,19 +20,19 @@ impl Bounds {
         points.fold(Self::EMPTY, |bounds, point| bounds.with(Self { min: point, max: point }))
     }
 
-    /// Box of a mesh, in object space.
-    pub fn of_mesh(mesh: &Mesh) -> Self {
-        Self::of_points(mesh.positions.iter().copied())
+    /// Box of a geometry, in object space.
+    pub fn of_geometry(scene: &Scene, geometry: Geometry) -> Self {
+        Self::of_points(scene.mesh(geometry).into_iter().flat_map(|mesh| mesh.positions.iter().copied()))
     }
 
     /// Box around an instance.
     pub fn of_instance(scene: &Scene, instance: &Instance) -> Self {
-        let mesh = Self::of_mesh(&scene.meshes[instance.mesh]);
-        if mesh.min.cmpgt(mesh.max).any() {
-            return mesh;
+        let own = Self::of_geometry(scene, instance.geometry);
+        if own.min.cmpgt(own.max).any() {
+            return own;
         }
         let corner = |index: usize| {
-            let pick = |axis: usize| if index >> axis & 1 == 0 { mesh.min[axis] } else { mesh.max[axis] };
+            let pick = |axis: usize| if index >> axis & 1 == 0 { own.min[axis] } else { own.max[axis] };
             instance.world_from_object.transform_point3(Vec3::new(pick(0), pick(1), pick(2)))
         };
         Self::of_points((0..8).map(corner))

@@ -21,7 +21,7 @@ impl HullCrossing {
 
     /// Takes a ray behind a hull that it hit and returns how far that is.
     pub fn pass(&mut self, ray: &mut Ray, hit: &Hit) -> f32 {
-        let triangle = (hit.instance, hit.triangle);
+        let triangle = (hit.instance, hit.primitive);
         let size = (ray.origin + ray.direction * hit.distance).abs().max_element().max(hit.distance);
         let rounding = size * (8.0 * f32::EPSILON);
         let way = if self.recent.contains(&Some(triangle)) {

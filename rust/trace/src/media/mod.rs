@@ -19,7 +19,7 @@ mod stack;
 use std::{collections::HashMap, sync::OnceLock};
 
 use glam::{Affine3A, Vec3, Vec4};
-use relume_scene::{Instance, Light, Mesh, Scene};
+use relume_scene::{Light, Scene};
 
 pub(crate) use bounds::Bounds;
 pub(crate) use crossing::HullCrossing;
@@ -160,12 +160,13 @@ impl Media {
 
     /// True if a ray only goes into or out of a medium where it meets a triangle.
     pub fn is_hull(&self, scene: &Scene, hit: &Hit) -> bool {
-        material_at(scene, hit).is_some_and(|material| self.hulls[material])
+        let material = scene.instances[hit.instance as usize].material_of(scene, hit.primitive as usize);
+        material.is_some_and(|material| self.hulls[material])
     }
 
     /// Takes a ray along `direction` through a surface that it hit.
     pub fn cross(&self, scene: &Scene, hit: &Hit, direction: Vec3, stack: &mut VolumeStack) {
-        self.cross_at(scene, (hit.instance, hit.triangle), hit.front.dot(direction) > 0.0, stack);
+        self.cross_at(scene, (hit.instance, hit.primitive), hit.front.dot(direction) > 0.0, stack);
     }
 
     /// Takes a ray through a triangle, out of what is behind it if it `leaves`.
@@ -179,8 +180,7 @@ impl Media {
 
     /// Number of the medium behind a triangle of an instance.
     pub fn number(&self, scene: &Scene, (instance, triangle): (u32, u32)) -> Option<u32> {
-        let placed = &scene.instances[instance as usize];
-        let material = placed.material_of(&scene.meshes[placed.mesh], triangle as usize)?;
+        let material = scene.instances[instance as usize].material_of(scene, triangle as usize)?;
         self.numbers.get(&(instance, material as u32)).copied()
     }
 
@@ -188,12 +188,6 @@ impl Media {
     pub fn receiver(&self, stack: &VolumeStack) -> u16 {
         stack.media().first().map_or(0, |medium| self.media[*medium as usize].receiver)
     }
-}
-
-fn material_at(scene: &Scene, hit: &Hit) -> Option<usize> {
-    let instance: &Instance = &scene.instances[hit.instance as usize];
-    let mesh: &Mesh = &scene.meshes[instance.mesh];
-    instance.material_of(mesh, hit.triangle as usize)
 }
 
 impl MediaSpace<'_> {
@@ -241,8 +235,8 @@ impl MediaSpace<'_> {
             let instance = self.scene.instances.get(medium.instance as usize);
             let (local_from_world, bounds) = match instance {
                 Some(instance) => {
-                    let mesh = &self.scene.meshes[instance.mesh];
-                    (self.materials.object_from_world(medium.instance), Bounds::of_mesh(mesh))
+                    let bounds = Bounds::of_geometry(self.scene, instance.geometry);
+                    (self.materials.object_from_world(medium.instance), bounds)
                 }
                 None => (Affine3A::IDENTITY, self.media.recorded.unwrap_or(Bounds::EMPTY)),
             };

@@ -19,7 +19,7 @@ impl ShadowMedia<'_> {
         if let Vertex::Surface { point, .. } = vertex
             && point.geometric_normal.dot(direction) < 0.0
         {
-            let triangle = (point.instance, point.triangle);
+            let triangle = (point.instance, point.primitive);
             self.space.media.cross_at(self.space.scene, triangle, point.backfacing, &mut self.stack);
         }
     }
