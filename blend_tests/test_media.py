@@ -1,5 +1,5 @@
-"""Media beside Cycles: means of small pictures, within noise. The lamps are without Multiple Importance, with which Cycles loses what
-is scattered in and behind a lamp."""
+"""Media beside Cycles: means of small pictures, within noise. The lamps are without Multiple Importance, with which
+Cycles loses what is scattered in and behind a lamp."""
 
 import bpy
 import numpy as np

@@ -48,7 +48,19 @@ PARTS = {
 LATER = {"details", "origins", "lacking", "shading", "override"}
 """Parts that the first bakes do not have: there they make no sentence."""
 ORDER = (
-    *("camera", "film", "settings", "collections", "world", "space", "object", "helper", "collection", "instanced", "nodes"),
+    *(
+        "camera",
+        "film",
+        "settings",
+        "collections",
+        "world",
+        "space",
+        "object",
+        "helper",
+        "collection",
+        "instanced",
+        "nodes",
+    ),
     *("texture", "particles", "data", "material", "image", "sequences"),
 )
 

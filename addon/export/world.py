@@ -40,6 +40,7 @@ class Space(NamedTuple):
     """Its number for light linking."""
 
 
+NO_SPACE = Space()
 TextureOf = Callable[[WorldGraph, str], Any]
 """Number of a texture of a world, rendered over all directions; the name is for messages. Raises WorldRenderError."""
 
@@ -55,7 +56,7 @@ def export_world(
     texture_of: TextureOf,
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
-    space: Space = Space(),
+    space: Space = NO_SPACE,
 ) -> None:
     """Sets the world of `builder` and warns of parts that cannot be represented."""
     world = world_of(scene, view_layer)

@@ -24,6 +24,8 @@ NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, Ty
 """Exceptions of a graph that holds something unforeseen."""
 DEEPEST = 10_000
 """Calls within calls while a graph is followed, about seven for each node."""
+FINE_STEPS = 0.1
+"""Step rate up to which Cycles' march through media is right to some 1 %."""
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
 """Fields of closures by their type, and the values that do nothing."""
 
@@ -93,7 +95,21 @@ class MaterialExporter:
             self.emissive.add(number)
         if "volume" in description:
             self.filled.add(number)
+            if translation.medium_varies and _marches(material):
+                translation.warn(
+                    "its volume varies, and Cycles of this Blender goes through it in coarse steps: there it lets more "
+                    "light through; a Step Rate of 0.1 comes close"
+                )
         return number
+
+
+def _marches(material: bpy.types.Material | None) -> bool:
+    """True if Cycles goes through a medium that varies in steps that are too long to be right."""
+    cycles, scene = getattr(material, "cycles", None), getattr(bpy.context.scene, "cycles", None)
+    if cycles is None or scene is None or not (bpy.app.version < (5, 0, 0) or scene.volume_biased):
+        return False
+    is_coarse = cycles.volume_step_rate * scene.volume_step_rate > FINE_STEPS
+    return bool(is_coarse or getattr(cycles, "homogeneous_volume", False))
 
 
 @contextmanager

@@ -36,6 +36,8 @@ TranslateValue = Callable[["Translation", Source], Any]
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
 NOTHING = {"type": "add_shader", "a": None, "b": None}
 """A closure without effect."""
+VARYING = {"image_texture", "procedural", "texture_coordinate", "geometry"}
+"""Types of nodes whose values differ from place to place within a medium."""
 BUMP_WIDTH = 0.1 if bpy.app.version >= (4, 3, 0) else 1.0
 """Pixels over which Cycles takes differences of a displacement."""
 COMPUTED = {
@@ -92,6 +94,8 @@ class Translation:
         """A link to the shading normal, where it is not the mesh's."""
         self.attributes: dict[str, str] = {}
         """Names of the mesh attributes that it reads, each with a node that does."""
+        self.medium_varies = False
+        """True if the volume has nodes whose values differ from place to place."""
         self.in_medium = False
         """True while the volume is translated, where meshes have no attributes."""
 
@@ -116,7 +120,9 @@ class Translation:
         surface, context = output
         self.in_medium, self.normal = True, None
         self.done.clear()
+        first = len(self.nodes)
         volume = self.shader(surface.node.inputs["Volume"], context)
+        self.medium_varies = any(node["type"] in VARYING for node in self.nodes[first:])
         # Where nothing of it counts, there is still a hull that rays pass.
         return {"volume": self.emit(NOTHING) if volume is None else volume}
 

@@ -263,6 +263,17 @@ mod tests {
             let error = builder.add_material_json(&material(color, surface)).unwrap_err();
             assert!(error.to_string().contains("'M'"), "{error}");
         }
+        let fog = |anisotropy: u32, volume: u32| {
+            format!(
+                r#"{{"name": "M", "nodes": [{{"type": "geometry"}}, {{"type": "volume_scatter", "color": 1.0,
+                    "density": 1.0, "phase": {{"type": "henyey_greenstein", "anisotropy":
+                    {{"node": {anisotropy}, "output": "position"}}}}}}], "surface": null, "volume": {volume}}}"#
+            )
+        };
+        assert!(builder.add_material_json(&fog(0, 1)).is_ok());
+        for (anisotropy, volume) in [(1, 1), (0, 2)] {
+            assert!(builder.add_material_json(&fog(anisotropy, volume)).is_err());
+        }
         let mix = r#"{"name": "M", "nodes": [{"type": "add_shader", "a": 0, "b": null}], "surface": 0}"#;
         assert!(builder.add_material_json(mix).is_err());
     }

@@ -52,7 +52,11 @@ impl Scene {
         for texture in &self.textures {
             check("image", &texture.name, texture_fault(texture));
         }
-        check("world", "World", world_fault(&self.world, &self.textures).or_else(|| self.world_volume_fault()));
+        check(
+            "world",
+            "World",
+            world_fault(&self.world, &self.textures).or_else(|| self.world_volume_fault()),
+        );
         if faults.is_empty() { Ok(()) } else { Err(faults) }
     }
 
@@ -270,6 +274,10 @@ mod tests {
         assert!(reason(|scene| scene.instances[0].geometry = 1.into()).contains("Floor"));
         assert!(reason(|scene| scene.instances[0].materials = vec![0]).contains("Floor"));
         assert!(reason(|scene| scene.world.texture = Some(0)).contains("world"));
+        assert!(reason(|scene| scene.world.volume = Some(0)).contains("volume"));
+        let hollow = || Material { volume: Some(0), ..Material::default() };
+        assert!(reason(|scene| scene.materials.push(hollow())).contains("volume node"));
+        assert!(reason(|scene| scene.instances[0].density_factor = -1.0).contains("density"));
         assert!(reason(|scene| scene.world.color[1] = f32::NAN).contains("not a finite number"));
         assert!(reason(|scene| scene.world.color[1] = f32::MAX).contains("lower its strength"));
         assert!(reason(|scene| scene.meshes[0].corner_normals = vec![Vec3::Z]).contains("Plane"));
@@ -279,7 +287,15 @@ mod tests {
     fn materials_that_glow_too_brightly_are_named() {
         let glowing = |color, strength| {
             let nodes = vec![Node::Emission { color, strength: Input::Float(strength) }];
-            Scene { materials: vec![Material { name: "Neon".into(), nodes, surface: Some(0), ..Material::default() }], ..scene() }
+            Scene {
+                materials: vec![Material {
+                    name: "Neon".into(),
+                    nodes,
+                    surface: Some(0),
+                    ..Material::default()
+                }],
+                ..scene()
+            }
         };
         let linked = || Input::Link { node: 0, output: crate::Output::Color };
         assert_eq!(glowing(Input::Rgb([1.0, 0.5, 0.0]), 1e30).validate(), Ok(()));

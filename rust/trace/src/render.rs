@@ -107,7 +107,7 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// If the scene has too many triangles.
     pub fn new(scene: &'a Scene, settings: &TraceSettings) -> Result<Self, TraceError> {
-        let (materials, warnings) = PreparedMaterials::new(scene);
+        let (materials, mut warnings) = PreparedMaterials::new(scene);
         let environment = EnvironmentLight::new(scene, world_color(scene, settings), &materials);
         let paths = settings.paths.clone();
         let lights = if paths.sample_static_lights {
@@ -115,7 +115,7 @@ impl<'a> Tracer<'a> {
         } else {
             None
         };
-        let media = Media::new(scene, &materials, &guide_targets(scene, settings));
+        let media = Media::new(scene, &materials, &guide_targets(scene, settings), &mut warnings);
         let integrator = Integrator {
             scene,
             media,

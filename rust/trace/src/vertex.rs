@@ -3,11 +3,7 @@
 use glam::Vec3;
 
 use crate::{
-    bsdf::Surface,
-    bvh::Ray,
-    guide::Horizon,
-    media::MediumSample,
-    ray_offset::offset_origin,
+    bsdf::Surface, bvh::Ray, guide::Horizon, media::MediumSample, ray_offset::offset_origin,
     shading::SurfacePoint,
 };
 

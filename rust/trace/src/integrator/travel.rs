@@ -6,7 +6,9 @@ use relume_dump::{AovSample, End, Segment};
 use super::{Features, Integrator, PathSink, Walk};
 use crate::{
     bvh::Ray,
-    media::{Bounds, Flight, HullCrossing, Landing, Media, MediaScratch, MediaSpace, TrackingNumbers, VolumeStack},
+    media::{
+        Bounds, Flight, HullCrossing, Landing, Media, MediaScratch, MediaSpace, TrackingNumbers, VolumeStack,
+    },
     shading::Hit,
 };
 
@@ -45,12 +47,7 @@ impl Route {
 
     /// Records a segment of a scene in which all space is filled: the part of it within the box outside of which positions are not
     /// stored. A record without weight leads to where it starts, if that is not where the last one ended.
-    pub(super) fn record_within(
-        &mut self,
-        bounds: &Bounds,
-        segment: Segment,
-        sink: &mut impl PathSink,
-    ) {
+    pub(super) fn record_within(&mut self, bounds: &Bounds, segment: Segment, sink: &mut impl PathSink) {
         let end = match segment.end {
             End::Vertex(end) => end,
             End::Escape(direction) => self.start + direction * bounds.reach(self.start),
@@ -152,8 +149,10 @@ impl Integrator<'_> {
             let at = |distance: f32| origin + direction * distance;
             let stack = &walk.route.as_ref()?.stack;
             let left = length - flown;
-            let flight = Flight { space: self.space(media), stack, origin: at(flown), direction, length: left };
-            let (throughput, scatters) = (walk.path.throughput, !walk.path.is_last_surface());
+            let flight =
+                Flight { space: self.space(media), stack, origin: at(flown), direction, length: left };
+            let throughput = walk.path.throughput;
+            let scatters = !walk.path.is_last_surface() && walk.path.lights_only.is_none();
             let (landing, emission) = flight.run(throughput, scatters, numbers, scratch);
             features.sample.emission += throughput * emission;
             match landing {

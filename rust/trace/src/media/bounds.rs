@@ -61,6 +61,11 @@ impl Bounds {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
+    /// The point in its middle.
+    pub fn middle(&self) -> Vec3 {
+        0.5 * (self.min + self.max)
+    }
+
     /// True if a point is in it, or a rounding outside.
     pub fn contains(&self, point: Vec3) -> bool {
         let slack = Vec3::splat(1e-5) * self.min.abs().max(self.max.abs());
@@ -92,7 +97,8 @@ impl Bounds {
             enter = enter.max(a.min(b));
             exit = exit.min(a.max(b));
         }
-        let at = |share: f32, whole: f32, point: Vec3| if share == whole { point } else { start + way * share };
+        let at =
+            |share: f32, whole: f32, point: Vec3| if share == whole { point } else { start + way * share };
         (enter < exit).then(|| [at(enter, 0.0, start), at(exit, 1.0, end)])
     }
 }

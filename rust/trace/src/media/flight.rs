@@ -145,7 +145,13 @@ impl Flight<'_> {
             collision(sample, majorant, distance, throughput, scatters, numbers)
         };
         let landing = if self.is_even() {
-            self.space.fill(self.stack, self.origin, self.direction, &mut scratch.values, &mut scratch.sample);
+            self.space.fill(
+                self.stack,
+                self.origin,
+                self.direction,
+                &mut scratch.values,
+                &mut scratch.sample,
+            );
             // Channels that carry nothing need no bound.
             let counts = throughput.cmpgt(Vec3::ZERO);
             let majorant = Vec3::select(counts, scratch.sample.extinction, Vec3::ZERO).max_element();
@@ -258,7 +264,11 @@ fn collision(
         }
         let weight = sample.albedo();
         let goes_on = scatters && (weight * throughput).max_element() > 0.0;
-        return Some(if goes_on { Landing::Scattered { distance, weight } } else { Landing::Lost { distance } });
+        return Some(if goes_on {
+            Landing::Scattered { distance, weight }
+        } else {
+            Landing::Lost { distance }
+        });
     }
     let nothing = (majorant - sample.extinction).max(Vec3::ZERO);
     let scattering = if scatters { sample.scattering } else { Vec3::ZERO };

@@ -1,10 +1,9 @@
 //! Bounds of the extinction of media that vary from place to place, cell by cell of a grid.
 
 use glam::{Affine3A, IVec3, UVec3, Vec3};
-use rayon::prelude::*;
 
 /// Cells along the longest edge of a grid whose medium is only known at points.
-const CELLS: f32 = 24.0;
+const CELLS: f32 = 20.0;
 /// Points of a cell at which the medium is looked at, first.
 const POINTS: usize = 8;
 /// Factor between what was found in a cell and around it, and its bound.
@@ -37,7 +36,7 @@ impl MajorantGrid {
         local_from_world: Affine3A,
         [min, max]: [Vec3; 2],
         is_bounded: bool,
-        extinction: impl Fn(Vec3) -> f32 + Sync,
+        extinction: impl Fn(Vec3) -> f32,
     ) -> Self {
         let extent = (max - min).max(Vec3::splat(1e-6 * (max - min).max_element().max(1e-30)));
         let size = (extent / extent.max_element() * CELLS).ceil().as_ivec3().max(IVec3::ONE);
@@ -52,15 +51,16 @@ impl MajorantGrid {
             extinction(world_from_local.transform_point3(local))
         };
         let most_at = |first: usize| {
-            let cells = 0..(size.x * size.y * size.z) as usize;
+            // Not in parallel: who waits for the bounds may be a worker whose turn would never come.
             let most = |cell| (first..first + POINTS).map(|point| at(cell, point)).fold(0.0, f32::max);
-            cells.into_par_iter().map(most).collect::<Vec<f32>>()
+            (0..(size.x * size.y * size.z) as usize).map(most).collect::<Vec<f32>>()
         };
         let mut found = most_at(0);
         let mut bounds = around(size, &found, MARGIN);
         for round in 1..MOST_ROUNDS {
             let more = most_at(round * POINTS);
-            let excess = more.iter().zip(&bounds).map(|(more, bound)| excess(*more, *bound)).fold(1.0, f32::max);
+            let excess =
+                more.iter().zip(&bounds).map(|(more, bound)| excess(*more, *bound)).fold(1.0, f32::max);
             if excess == 1.0 {
                 break;
             }
@@ -109,7 +109,8 @@ impl MajorantGrid {
         let cell = at.floor().as_ivec3().clamp(IVec3::ZERO, self.size - 1);
         let index = cell.x + self.size.x * (cell.y + self.size.y * cell.z);
         // At a rounding before the next cell there has to be progress.
-        let exit = bounds(cell.as_vec3(), cell.as_vec3() + 1.0).max(distance * (1.0 + 4.0 * f32::EPSILON) + 1e-9);
+        let exit =
+            bounds(cell.as_vec3(), cell.as_vec3() + 1.0).max(distance * (1.0 + 4.0 * f32::EPSILON) + 1e-9);
         (self.cells[index as usize], exit)
     }
 }
@@ -152,21 +153,20 @@ mod tests {
         ((3.0 * at.x).sin() * (5.0 * at.y).cos()).max(0.0) * (1.0 + at.z)
     }
 
+    fn local_from_world() -> Affine3A {
+        Affine3A::from_rotation_z(0.4) * Affine3A::from_scale(Vec3::new(2.0, 1.0, 0.5))
+    }
+
     fn grid() -> MajorantGrid {
-        let local_from_world = Affine3A::from_rotation_z(0.4) * Affine3A::from_scale(Vec3::new(2.0, 1.0, 0.5));
-        let world_from_local = local_from_world.inverse();
         let bounds = [Vec3::new(-1.0, 0.0, 0.0), Vec3::new(1.0, 3.0, 1.0)];
-        MajorantGrid::sampled(local_from_world, bounds, true, |at| {
-            // The same place again, told in the grid's own space.
-            bumps(local_from_world.transform_point3(at)) + 0.0 * world_from_local.translation.x
-        })
+        let bumps_at = |at| bumps(local_from_world().transform_point3(at));
+        MajorantGrid::sampled(local_from_world(), bounds, true, bumps_at)
     }
 
     #[test]
     fn bounds_hold_between_the_points_that_they_were_found_at() {
         let grid = grid();
-        let world_from_local =
-            (Affine3A::from_rotation_z(0.4) * Affine3A::from_scale(Vec3::new(2.0, 1.0, 0.5))).inverse();
+        let world_from_local = local_from_world().inverse();
         for i in 0..20_000 {
             let step = i as f32;
             let unit = Vec3::new((step * 0.7548).fract(), (step * 0.5698).fract(), (step * 0.43).fract());

@@ -16,7 +16,7 @@ mod sample;
 mod shadow;
 mod stack;
 
-use std::{collections::HashMap, sync::OnceLock};
+use std::{cell::RefCell, collections::HashMap, sync::OnceLock};
 
 use glam::{Affine3A, Vec3, Vec4};
 use relume_scene::{Light, Scene};
@@ -29,9 +29,13 @@ pub use phase::Phase;
 pub use sample::MediumSample;
 pub(crate) use sample::PhaseSample;
 pub(crate) use shadow::ShadowMedia;
+use stack::DEEPEST;
 pub(crate) use stack::VolumeStack;
 
 use crate::shading::{Hit, MediumPoint, PreparedMaterials};
+
+/// Objects with media among which it is looked for more than can overlap; each is compared with each.
+const MOST_CHECKED: usize = 2048;
 
 /// All media of a scene, made ready.
 #[derive(Debug)]
@@ -83,8 +87,14 @@ pub(crate) struct MediaScratch {
 }
 
 impl Media {
-    /// The media of a scene; nothing if it has none. `lights` are those that are surely to be met.
-    pub fn new(scene: &Scene, materials: &PreparedMaterials, lights: &[Light]) -> Option<Self> {
+    /// The media of a scene; nothing if it has none. `lights` are those that are surely to be met. Adds to `warnings` what is left
+    /// out.
+    pub fn new(
+        scene: &Scene,
+        materials: &PreparedMaterials,
+        lights: &[Light],
+        warnings: &mut Vec<String>,
+    ) -> Option<Self> {
         let has_medium: Vec<bool> =
             (0..scene.materials.len()).map(|material| materials.graph(material).volume.is_some()).collect();
         let hulls = scene.materials.iter().zip(&has_medium).map(|(m, has)| m.is_hull() && *has).collect();
@@ -96,11 +106,19 @@ impl Media {
             inside: Bounds::EMPTY,
             recorded: None,
         };
+        let mut boxes = Vec::new();
         for (number, instance) in scene.instances.iter().enumerate() {
             for material in instance.materials.iter().copied().filter(|material| has_medium[*material]) {
                 found.add(scene, materials, number, material, instance.receiver);
-                found.inside = found.inside.with(Bounds::of_instance(scene, instance));
+                let bounds = Bounds::of_instance(scene, instance);
+                found.inside = found.inside.with(bounds);
+                boxes.push((bounds, &instance.name));
             }
+        }
+        if let Some(name) = most_nested(&boxes) {
+            let words =
+                format!("more than {DEEPEST} volumes overlap there; as in Cycles, further ones are left out");
+            warnings.push(format!("object '{name}': {words}"));
         }
         let world = scene.world.volume.filter(|material| has_medium[*material]);
         if let Some(material) = world {
@@ -131,14 +149,7 @@ impl Media {
                 sample
             });
             let glows = graph.medium_glows();
-            self.media.push(Medium {
-                instance,
-                material,
-                receiver,
-                glows,
-                even,
-                majorants: OnceLock::new(),
-            });
+            self.media.push(Medium { instance, material, receiver, glows, even, majorants: OnceLock::new() });
             self.media.len() as u32 - 1
         })
     }
@@ -190,6 +201,14 @@ impl Media {
     }
 }
 
+/// Name of a medium in whose middle there are more others than a stack can hold, judged by their boxes.
+fn most_nested<'s>(boxes: &[(Bounds, &'s String)]) -> Option<&'s String> {
+    let checked = &boxes[..boxes.len().min(MOST_CHECKED)];
+    let is_crowded =
+        |middle: Vec3| checked.iter().filter(|(other, _)| other.contains(middle)).count() > DEEPEST;
+    checked.iter().find(|(bounds, _)| is_crowded(bounds.middle())).map(|(_, name)| *name)
+}
+
 impl MediaSpace<'_> {
     /// Adds one of the media at a point.
     fn add_medium(
@@ -227,9 +246,11 @@ impl MediaSpace<'_> {
     /// Bounds of a medium that varies.
     fn majorants<'m>(&self, medium: &'m Medium) -> &'m MajorantGrid {
         medium.majorants.get_or_init(|| {
+            let memory = RefCell::new((MediumSample::default(), Vec::new()));
             let extinction = |position: Vec3| {
-                let mut sample = MediumSample::default();
-                self.add_medium(medium, position, Vec3::NEG_Z, &mut Vec::new(), &mut sample);
+                let (sample, values) = &mut *memory.borrow_mut();
+                sample.clear();
+                self.add_medium(medium, position, Vec3::NEG_Z, values, sample);
                 sample.extinction.max_element()
             };
             let instance = self.scene.instances.get(medium.instance as usize);

@@ -142,7 +142,10 @@ mod tests {
     fn parts_are_chosen_by_what_they_scatter_in_each_channel() {
         let mut sample = MediumSample::default();
         sample.add_scattering(Vec3::new(2.0, 0.0, 1.0), [(1.0, Phase::henyey_greenstein(0.6))]);
-        sample.add_scattering(Vec3::new(0.0, 1.0, 1.0), [(0.5, Phase::Rayleigh), (0.5, Phase::henyey_greenstein(0.6))]);
+        sample.add_scattering(
+            Vec3::new(0.0, 1.0, 1.0),
+            [(0.5, Phase::Rayleigh), (0.5, Phase::henyey_greenstein(0.6))],
+        );
         sample.add_absorption(Vec3::splat(0.5));
         assert_eq!(sample.extinction, Vec3::new(2.5, 1.5, 2.5));
         assert_eq!(sample.phases.len(), 2);

@@ -74,9 +74,10 @@ impl Graph {
         let mut nodes = material.nodes.clone();
         cut_forward_links(&mut nodes, &material.name, &mut warnings);
         fold_constants(&mut nodes);
-        let [surface, volume] =
-            [material.surface, material.volume].map(|root| root.filter(|root| (*root as usize) < nodes.len()));
-        let mut graph = Self { surface, volume, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), nodes };
+        let [surface, volume] = [material.surface, material.volume]
+            .map(|root| root.filter(|root| (*root as usize) < nodes.len()));
+        let mut graph =
+            Self { surface, volume, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), nodes };
         let mut too_many = |part: &str| {
             let words = format!("more than {MAX_CLOSURE_VISITS} shaders are mixed; its {part} is left out");
             warnings.push(format!("material '{}': {words}", material.name));

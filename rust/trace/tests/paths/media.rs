@@ -145,6 +145,17 @@ fn white_media_in_a_white_world_are_not_seen() {
 }
 
 #[test]
+fn media_that_overlap_more_than_a_stack_holds_are_named() {
+    let crowd =
+        |count: usize| cubes((0..count).map(|i| (Vec3::X * 1e-3 * i as f32, fog(0.0, 0.01))).collect());
+    let warnings =
+        |scene: &Scene| relume_trace::Tracer::new(scene, &settings(1)).unwrap().warnings().to_vec();
+    assert!(warnings(&crowd(32)).is_empty());
+    let [warning] = &warnings(&crowd(33))[..] else { panic!("one warning") };
+    assert!(warning.contains("32 volumes"), "{warning}");
+}
+
+#[test]
 fn glass_with_a_medium_inside_is_entered_by_refraction_alone() {
     let glass = Node::Glass {
         color: Input::Float(1.0),
@@ -157,7 +168,8 @@ fn glass_with_a_medium_inside_is_entered_by_refraction_alone() {
     (material.surface, material.volume) = (Some(1), Some(0));
     let scene = cubes(vec![(Vec3::ZERO, material)]);
     let mut settings = settings(2048);
-    settings.paths.bounces = BounceLimits { total: 200, glossy: 200, transmission: 200, ..BounceLimits::default() };
+    settings.paths.bounces =
+        BounceLimits { total: 200, glossy: 200, transmission: 200, ..BounceLimits::default() };
     // Reflected to and fro: R + (1-R)^2 t / (1 - R t), R of the surface, t of the way through.
     let (r, t) = (0.04_f32, (-1.0_f32).exp());
     let back = r + (1.0 - r).powi(2) * r * t * t / (1.0 - r * r * t * t);
@@ -213,8 +225,7 @@ fn single_scattering_of_a_lamp_equals_its_integral() {
     scene.camera = Camera { width: 1, height: 1, ..from_above(0.01) };
     scene.lights = vec![sphere_light(center, radius)];
     let found = scattered_once(&scene, center, radius, 200_000);
-    let expected =
-        single_scattering(center, radius, [1.0, -1.0], |_| 0.4, |a, b| 0.7 * a.distance(b));
+    let expected = single_scattering(center, radius, [1.0, -1.0], |_| 0.4, |a, b| 0.7 * a.distance(b));
     assert_within_noise(found, Vec3::splat(expected), "single scattering");
 }
 
@@ -271,7 +282,8 @@ fn varying_density_equals_its_integral() {
 fn emission_along_the_way_is_summed() {
     let glow = Node::Emission { color: Input::Rgb([1.0, 0.5, 0.25]), strength: Input::Float(2.0) };
     let both = Node::AddShader { a: Some(0), b: Some(1) };
-    let mut scene = cubes(vec![(Vec3::ZERO, medium(vec![glow.clone(), coefficients([0.0; 3], [0.8; 3]), both]))]);
+    let mut scene =
+        cubes(vec![(Vec3::ZERO, medium(vec![glow.clone(), coefficients([0.0; 3], [0.8; 3]), both]))]);
     scene.world.color = [0.0; 3];
     let glowing = |path: &Path| path.aovs.emission;
     let expected = Vec3::new(2.0, 1.0, 0.5) * (1.0 - (-1.6_f32).exp()) / 0.8;
@@ -337,7 +349,8 @@ fn paths_that_leave_the_recorded_box_come_back_with_all_they_carry() {
     // Thin fog and a lamp: most of what is scattered twice goes far away. Two scenes whose boxes differ give the same light.
     let (center, radius) = (Vec3::new(0.0, 0.0, 2.0), 0.5);
     let measured = |width: f32| {
-        let mut scene = Scene { camera: Camera { width: 1, height: 1, ..from_above(0.01) }, ..Scene::default() };
+        let mut scene =
+            Scene { camera: Camera { width: 1, height: 1, ..from_above(0.01) }, ..Scene::default() };
         add(&mut scene, square(-width), Affine3A::from_scale(Vec3::new(1e-3, 1e-3, 1.0)), diffuse(0.0));
         scene.materials.push(fog(0.2, 0.0));
         scene.world = relume_scene::World { volume: Some(1), ..relume_scene::World::default() };
