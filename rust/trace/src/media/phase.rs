@@ -13,6 +13,9 @@ const ISOTROPIC: f32 = 1e-3;
 /// Largest anisotropy: beyond, a medium would hardly scatter at all.
 const MOST_ANISOTROPY: f32 = 0.999;
 
+/// Squared sine of half the smallest angle whose cosine single precision tells from 1 well enough for a peak.
+const NARROWEST: f64 = 1e-6;
+
 /// A phase function with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Phase {
@@ -155,7 +158,11 @@ fn sample_draine(g: f64, alpha: f64, u: f64) -> f64 {
 
 impl FournierForand {
     fn density(&self, cos: f64) -> f64 {
-        let s = (0.5 * (1.0 - cos)).max(1e-12);
+        let s = 0.5 * (1.0 - cos);
+        if s < NARROWEST {
+            // All of these have their mean.
+            return self.within(1.0 - 2.0 * NARROWEST) / (4.0 * std::f64::consts::PI * NARROWEST);
+        }
         let d = self.scale * s;
         let v = -self.power;
         let e = d - 1.0;
@@ -291,11 +298,11 @@ mod tests {
         assert!((mean / count as f32 - 0.7).abs() < 1e-4);
     }
 
-    /// Chi-squared over 40 bands of the angle that are equally likely by the density. 66.8 is exceeded by chance once in 250.
+    /// Chi-squared over 30 bands of the angle. 53.4 is exceeded by chance once in 250.
     #[test]
     fn sampled_angles_have_the_density_that_is_told() {
         for phase in all() {
-            let bands = 40;
+            let bands = 30;
             let count = 20_000;
             let mut found = vec![0.0; bands];
             let mut state = 0x9e37_79b9_7f4a_7c15_u64;
@@ -316,7 +323,7 @@ mod tests {
                 }
             }
             chi += (rest[1] - rest[0]).powi(2) / rest[0].max(8.0);
-            assert!(chi < 66.8, "{phase:?} {chi}");
+            assert!(chi < 53.4, "{phase:?} {chi}");
         }
     }
 
