@@ -9,6 +9,7 @@ mod blender_light_inverse;
 mod builder;
 mod camera;
 mod damage;
+mod geometry;
 mod hash;
 mod light;
 mod light_lanes;
@@ -31,6 +32,7 @@ pub use blender_light::{
 };
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
+pub use geometry::Geometry;
 pub use glam;
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
@@ -59,7 +61,7 @@ pub struct Scene {
     pub camera: Camera,
     /// Each evaluated mesh once.
     pub meshes: Vec<Mesh>,
-    /// Instances of meshes.
+    /// Instances of geometry.
     pub instances: Vec<Instance>,
     /// Shader graphs, referred to by [`Instance::materials`].
     pub materials: Vec<Material>,
