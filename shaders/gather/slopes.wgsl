@@ -79,20 +79,12 @@ fn add_record(record: u32, shard: Shard, scale: f32) {
     }
     let length = sqrt(length2);
     let direction = edge / length;
-    let rgb = decode_rgb9e5(throughput[record]) * weight;
-    if (z_flags & CONTINUES) == 0u || soft.kind == SUN {
-        add_ray(Ray(origin, direction, length), rgb);
-        return;
+    var start = 0.0;
+    if (z_flags & CONTINUES) != 0u {
+        start = behind(record, origin, shard);
     }
-    // A piece of a ray (`rust/gather/src/piece.rs`).
-    let before = behind(record, origin, shard);
-    let ray_origin = origin - direction * before;
-    add_ray(Ray(ray_origin, direction, before + length), rgb);
-    add_ray(Ray(ray_origin, direction, before), -rgb);
-}
-
-fn add_ray(ray: Ray, rgb: vec3f) {
-    evaluate(ray);
+    evaluate(Ray(origin - direction * start, direction, start, start + length));
+    let rgb = decode_rgb9e5(throughput[record]) * weight;
     for (var i = 0u; i < OUTPUTS; i++) {
         sums[i] += rgb * outputs[i];
     }

@@ -295,7 +295,9 @@ mod tests {
             assert!(!flags.is_origin());
         }
         let origin = Flags::origin();
-        assert!(origin.is_origin() && origin.path_start() && !origin.starts_at_camera() && !origin.continues());
+        assert!(
+            origin.is_origin() && origin.path_start() && !origin.starts_at_camera() && !origin.continues()
+        );
         assert_eq!((origin.lobe(), Flags(6 << 2).lobe()), (None, None));
     }
 }

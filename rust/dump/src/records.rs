@@ -7,7 +7,12 @@ use crate::samples::{SampleRecord, TileSamples};
 use crate::{End, Lobe, Manifest, RECEIVER_LIMIT};
 
 /// Refuses samples that do not fit the manifest, are too many, or are not finite.
-pub(crate) fn check_samples(manifest: &Manifest, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), String> {
+pub(crate) fn check_samples(
+    manifest: &Manifest,
+    tile: usize,
+    pass: usize,
+    samples: &TileSamples,
+) -> Result<(), String> {
     let (rect, expected) = (manifest.tile_rect(tile), manifest.passes[pass].samples as usize);
     if samples.rect() != rect || samples.aov.len() != rect.pixel_count() {
         return Err(format!("{} of {} pixels, or another tile", samples.aov.len(), rect.pixel_count()));

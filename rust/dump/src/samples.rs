@@ -140,7 +140,14 @@ impl TileSamples {
             self.records.pop();
         }
         let path_start = std::mem::take(&mut self.path_is_empty);
-        self.records.push(SampleRecord { end, throughput, lobe: Some(lobe), receiver, path_start, continues });
+        self.records.push(SampleRecord {
+            end,
+            throughput,
+            lobe: Some(lobe),
+            receiver,
+            path_start,
+            continues,
+        });
     }
 
     /// Adds to the AOVs of the current pixel; once per path.

@@ -181,7 +181,10 @@ fn segments_that_continue_nothing_are_refused() {
     bytes[place + 2] ^= 1;
     let forged = Shard::from_bytes(Path::new("x"), &bytes).unwrap();
     let problems = forged.problems(2);
-    assert!(problems.iter().any(|problem| problem.contains("continues a path that has ended")), "{problems:?}");
+    assert!(
+        problems.iter().any(|problem| problem.contains("continues a path that has ended")),
+        "{problems:?}"
+    );
 }
 
 #[test]

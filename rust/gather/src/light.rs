@@ -302,7 +302,11 @@ impl Profile {
     /// Radiance that a piece of a ray collects: nothing of a light that the ray has crossed before.
     pub fn evaluate_piece(&self, piece: &RayPiece, escaped: bool) -> f32 {
         let RayPiece { origin, to_start, to_end } = *piece;
-        if self.evaluate(origin, to_start, false) != 0.0 { 0.0 } else { self.evaluate(origin, to_end, escaped) }
+        if self.evaluate(origin, to_start, false) != 0.0 {
+            0.0
+        } else {
+            self.evaluate(origin, to_end, escaped)
+        }
     }
 
     /// Radiance that a segment collects from the light; 0 if it does not cross it.

@@ -135,7 +135,7 @@ impl PixelGroup {
         let mut blocks = Blocks::default();
         for (class, items) in classes.iter_mut().enumerate() {
             let continuing = class >= CONTINUING;
-            let escape = class - if continuing { TO_CONTINUING } else { 0 } == ESCAPES;
+            let escape = [ESCAPES, ESCAPES + TO_CONTINUING].contains(&class);
             // Directions weigh like distances across the scene.
             let end_weight = if escape { frame.diagonal() } else { 1.0 };
             split(items, end_weight, &mut |items| {
@@ -183,7 +183,10 @@ fn item(shard: &Shard, record: usize, place: u32) -> Option<(usize, Item)> {
     };
     let words = [xy[record], z_flags[record], xy[before], z_flags[before] & 0xffff | place];
     let behind = if flags.continues() { shard.ray_origin(record).distance(start) } else { 0.0 };
-    Some((class, Item { ends: SegmentEnds { start, end }, words, throughput: shard.throughput()[record], behind }))
+    Some((
+        class,
+        Item { ends: SegmentEnds { start, end }, words, throughput: shard.throughput()[record], behind },
+    ))
 }
 
 /// Halves segments along the widest side of their bounds until they make up a block.

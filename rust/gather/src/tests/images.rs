@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{Mat3, Vec3};
-use relume_dump::{End, Lobe, TileSamples};
+use relume_dump::{End, Lobe, Segment, TileSamples};
 use relume_image::Image;
 use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 

@@ -25,7 +25,12 @@ fn random_rays(count: usize) -> Vec<GridRay> {
     let mut random = Random(21);
     let mut grid_point = |extent: f32| (random.point(extent) / STEP).as_ivec3();
     let mut rays: Vec<_> = (0..count)
-        .map(|_| GridRay { origin: grid_point(2.5), direction: grid_point(0.05), cuts: Vec::new(), escapes: false })
+        .map(|_| GridRay {
+            origin: grid_point(2.5),
+            direction: grid_point(0.05),
+            cuts: Vec::new(),
+            escapes: false,
+        })
         .collect();
     for (index, ray) in rays.iter_mut().enumerate() {
         let mut cuts: Vec<_> = (0..2 + index % 7).map(|_| 1 + (random.next() * 120.0) as i32).collect();
@@ -153,6 +158,7 @@ fn smoothed_lights_see_whole_rays_too() {
     let [whole, cut] = [false, true].map(|cut| Gather::new(rays_dump(&rays, cut)));
     let [whole, cut] = [&whole, &cut].map(|gather| SoftGather::new(gather, 1));
     let cells: Vec<u32> = (0..256).collect();
+    let mut lit = 0;
     let is_smoothed_as_is = |light: &&Light| !matches!(light.shape, LightShape::Sheared { .. });
     for light in random_lights().iter().filter(is_smoothed_as_is) {
         for softness in [0.0005, 0.01] {
@@ -160,7 +166,9 @@ fn smoothed_lights_see_whole_rays_too() {
                 [&whole, &cut].map(|soft| soft.linearise(light, softness, &cells).unwrap());
             let values = found.values.as_flattened().iter().zip(expected.values.as_flattened());
             let (error, sum) = apart(values);
-            assert!(sum > 0.0 && error < 2e-3 * sum, "{error} of {sum}: {light:?} at {softness}");
+            assert!(error <= 2e-3 * sum, "{error} of {sum}: {light:?} at {softness}");
+            lit += usize::from(sum > 0.0);
         }
     }
+    assert!(lit > 100, "{lit} lights are seen");
 }

@@ -64,7 +64,7 @@ fn transparent_surfaces_keep_the_camera_ray_and_open_the_film() {
     // Reflected rays are rays of their own.
     for path in paths.iter().flatten() {
         let continuing: Vec<_> = path.segments.iter().map(|segment| segment.continues).collect();
-        assert_eq!(continuing, [false, path.aovs.alpha == 0.0]);
+        assert_eq!(continuing, [false, path.segments[1].lobe == Lobe::Camera]);
     }
 }
 
@@ -119,6 +119,7 @@ fn segments_behind_unrecorded_ones_start_where_these_end() {
     let mut settings = settings(64);
     settings.paths.bounces.transparent = 2;
     settings.paths.bounces.more_transparent = 4;
+    settings.paths.filter_glossy = 0.0;
     let paths = image_paths(&scene, &settings);
     let mut mirrored = 0;
     for segments in paths.iter().flatten().map(|path| &path.segments) {
