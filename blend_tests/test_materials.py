@@ -39,6 +39,8 @@ VALUE_NODES = {
     "ShaderNodeLayerWeight": ({}, "Facing", "layer_weight", "facing"),
     "ShaderNodeNewGeometry": ({}, "Backfacing", "geometry", "backfacing"),
     "ShaderNodeObjectInfo": ({}, "Random", "object_info", "random"),
+    "ShaderNodeHairInfo": ({}, "Tangent Normal", "hair_info", "tangent_normal"),
+    "ShaderNodePointInfo": ({}, "Radius", "point_info", "point_radius"),
     "ShaderNodeRGBToBW": ({}, 0, "math", "value"),
 }
 
@@ -51,6 +53,8 @@ CLOSURES = {
     "ShaderNodeBsdfTranslucent": "translucent",
     "ShaderNodeBsdfTransparent": "transparent",
     "ShaderNodeEmission": "emission",
+    "ShaderNodeBsdfHairPrincipled": "principled_hair",
+    "ShaderNodeBsdfHair": "hair_bsdf",
 }
 
 

@@ -188,8 +188,6 @@ FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
     "ShaderNodeSubsurfaceScattering": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfSheen": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfToon": ("diffuse", _smooth_diffuse),
-    "ShaderNodeBsdfHair": ("diffuse", _smooth_diffuse),
-    "ShaderNodeBsdfHairPrincipled": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfRayPortal": ("black", _nothing),
     "ShaderNodeHoldout": ("black", _nothing),
 }

@@ -47,7 +47,7 @@ pub enum Input {
     },
 }
 
-/// Output sockets of value nodes.
+/// Output sockets of value nodes. Those of strands and points are Hair Info's and Point Info's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the socket names of Blender's nodes")]
@@ -74,4 +74,13 @@ pub enum Output {
     Factor,
     Distance,
     Radius,
+    IsStrand,
+    Intercept,
+    Length,
+    Thickness,
+    TangentNormal,
+    StrandRandom,
+    PointPosition,
+    PointRadius,
+    PointRandom,
 }

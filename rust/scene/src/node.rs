@@ -1,7 +1,8 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
-    BlendMode, ColorMode, Curve, Distribution, Extension, Input, Interpolation, MapRangeKind, MappingKind,
-    MathOp, MixData, NodeId, NormalSpace, PhaseFunction, Procedural, TexCoord, VectorMathOp,
+    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
+    MappingKind, MathOp, MixData, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural, TexCoord,
+    VectorMathOp,
 };
 
 with_sockets! {
@@ -9,7 +10,6 @@ with_sockets! {
     #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
     #[serde(tag = "type", rename_all = "snake_case")]
     #[expect(missing_docs, reason = "the sockets and properties of Blender's nodes of the same name")]
-    #[expect(clippy::large_enum_variant, reason = "a scene has a few hundred nodes")]
     pub enum Node {
         // Closures.
         Principled {
@@ -76,6 +76,17 @@ with_sockets! {
         Translucent {
             color: Input,
             normal: Option<Input>,
+        },
+        /// Principled Hair.
+        PrincipledHair(PrincipledHair),
+        /// Hair BSDF. A `tangent` of `None` is the strand's.
+        HairBsdf {
+            component: HairComponent,
+            color: Input,
+            offset: Input,
+            roughness_u: Input,
+            roughness_v: Input,
+            tangent: Option<Input>,
         },
         Transparent {
             color: Input,
@@ -281,6 +292,8 @@ with_sockets! {
         },
         Geometry,
         ObjectInfo,
+        HairInfo,
+        PointInfo,
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use glam::Vec3;
-use relume_scene::{Input, Instance, Material, Node, Scene};
+use relume_scene::{HairModel, Input, Instance, Material, Node, Scene};
 
 use crate::{
     bsdf::Surface,
@@ -201,6 +201,10 @@ fn points_to_measure(material: &Material) -> usize {
 pub(crate) fn may_be_transparent(material: &Material) -> bool {
     material.nodes.iter().any(|node| match node {
         Node::Transparent { .. } => true,
+        // Rays pass beside an ellipse.
+        Node::PrincipledHair(hair) => {
+            hair.model == HairModel::Huang && hair.aspect_ratio != Input::Float(1.0)
+        }
         Node::Principled { alpha, .. } => *alpha != Input::Float(1.0),
         _ => false,
     })

@@ -44,7 +44,7 @@ impl Vertex<'_> {
         match self {
             Self::Surface { point, surface } => {
                 let is_between = point.geometric_normal.dot(wi) * point.shading_normal.dot(wi) <= 0.0;
-                (!is_between).then(|| surface.eval(wi))
+                (!is_between || surface.scatters_around()).then(|| surface.eval(wi))
             }
             Self::Medium { direction, medium, .. } => Some(medium.eval(*direction, wi)),
         }

@@ -7,6 +7,7 @@ use relume_scene::{Distribution, Node, NodeId};
 
 use super::evaluate::{Known, ShadingContext};
 use super::graph::Aid;
+use super::hair;
 use super::principled::{self, Parameters};
 use super::values::NodeInputs;
 use crate::bsdf::{
@@ -52,6 +53,8 @@ pub fn shade(
                 }
             }
         },
+        Node::PrincipledHair(hair) => hair::add_principled(hair, context, &known, weight, surface),
+        lobe @ Node::HairBsdf { .. } => hair::add_lobe(lobe, context, &known, weight, surface),
         simple => add_simple(context, simple, weight, &known, surface),
     }
 }

@@ -9,6 +9,7 @@ mod constant;
 mod coordinates;
 mod evaluate;
 mod graph;
+mod hair;
 mod math;
 mod point;
 mod prepared;
@@ -21,6 +22,7 @@ mod texture;
 mod values;
 mod volumes;
 
+pub(crate) use color::luminance;
 pub use constant::constant_emission;
 pub(crate) use point::MediumPoint;
 pub use point::{Hit, SurfacePoint};
