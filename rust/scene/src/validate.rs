@@ -62,11 +62,13 @@ impl Scene {
 
     /// Object names by receiver number, for light linking.
     pub fn receiver_names(&self) -> Vec<String> {
-        let count =
-            self.instances.iter().map(|instance| usize::from(instance.receiver) + 1).max().unwrap_or(0);
-        let mut names = vec![String::new(); count];
-        for instance in &self.instances {
-            names[usize::from(instance.receiver)].clone_from(&instance.name);
+        let world = self.world.volume.map(|_| (self.world.receiver, "World"));
+        let objects = self.instances.iter().map(|instance| (instance.receiver, instance.name.as_str()));
+        let mut names = Vec::new();
+        for (receiver, name) in world.into_iter().chain(objects) {
+            let number = usize::from(receiver);
+            names.resize(names.len().max(number + 1), String::new());
+            name.clone_into(&mut names[number]);
         }
         names
     }
@@ -266,6 +268,14 @@ mod tests {
     fn vertices_that_are_no_numbers_are_named_with_mesh_and_object() {
         let found = reason(|scene| scene.meshes[0].positions[1].y = f32::NAN);
         assert!(found.contains("Plane") && found.contains("vertex 1") && found.contains("Floor"), "{found}");
+    }
+
+    #[test]
+    fn a_medium_of_all_space_is_a_receiver() {
+        let mut scene = scene();
+        assert_eq!(scene.receiver_names(), ["Floor"]);
+        (scene.world.volume, scene.world.receiver) = (Some(0), 2);
+        assert_eq!(scene.receiver_names(), ["Floor", "", "World"]);
     }
 
     #[test]
