@@ -10,7 +10,7 @@ use crate::{
 };
 
 impl Scene {
-    /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world and
+    /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world but for its volume, and
     /// warnings do not count, since paths serve any lights and any world, nor do textures that no material shows, nor the names of the
     /// camera and of materials.
     pub fn hash(&self) -> String {
@@ -24,6 +24,9 @@ impl Scene {
         self.curves.iter().for_each(|curves| hash_curves(&mut hasher, curves));
         self.points.iter().for_each(|points| hash_points(&mut hasher, points));
         self.instances.iter().for_each(|instance| hash_instance(&mut hasher, instance));
+        if let Some(volume) = self.world.volume {
+            json(&mut hasher, &(volume, self.world.receiver));
+        }
         for number in self.material_textures() {
             json(&mut hasher, &number);
             self.textures.get(number).into_iter().for_each(|texture| hash_texture(&mut hasher, texture));
@@ -150,6 +153,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if instance.shadow_terminator_shading != 0.0 {
         json(hasher, &instance.shadow_terminator_shading);
     }
+    if (instance.visible_volume_scatter, instance.density_factor) != (true, 1.0) {
+        json(hasher, &(instance.visible_volume_scatter, instance.density_factor));
+    }
 }
 
 fn hash_texture(hasher: &mut Hasher, texture: &Texture) {
@@ -177,7 +183,10 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 8] = [
+        let changes: [fn(&mut Scene); 11] = [
+            |scene| scene.instances[0].visible_volume_scatter = false,
+            |scene| scene.instances[0].density_factor = 0.5,
+            |scene| scene.world.volume = Some(0),
             |scene| scene.meshes[0].positions[0].x = 1.000_001,
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,
             |scene| scene.instances[0].visible_glossy = false,

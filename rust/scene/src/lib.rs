@@ -20,6 +20,7 @@ mod mesh;
 mod node;
 mod node_settings;
 mod obj;
+mod phase;
 mod picture_file;
 mod points;
 mod polygon;
@@ -50,6 +51,7 @@ pub use node_settings::{
     NormalSpace, TexCoord, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
+pub use phase::PhaseFunction;
 pub use picture_file::{FileColors, PictureFile};
 pub use points::Points;
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};

@@ -89,9 +89,12 @@ class SceneBuilder:
         shadow_terminator_offset: float = 0.1,
         shadow_terminator_shading: float = 0.0,
         visibility: Sequence[bool] = (True, True, True, True),
+        visible_volume_scatter: bool = True,
+        density_factor: float = 1.0,
     ) -> None:
         """Places a mesh, or what `kind` says: `curves` or `points`; matrices are rows, one material a slot,
-        visibility to camera, diffuse, glossy and transmission rays."""
+        visibility to camera, diffuse, glossy and transmission rays. The density of a medium inside is multiplied by a
+        factor."""
 
     def add_material(self, json: str) -> int:
         """A shader graph in the JSON form of `relume_scene::Material`."""
@@ -133,8 +136,11 @@ class SceneBuilder:
         texture: int | None = None,
         texture_from_world: Matrix3 = ...,
         visible_camera: bool = True,
+        volume: int | None = None,
+        receiver: int = 0,
     ) -> None:
-        """Background radiance, or factor on an equirectangular texture."""
+        """Background radiance, or factor on an equirectangular texture. `volume` is a material whose volume fills all
+        space, as an object of a receiver number."""
 
     def add_light(self, json: str) -> None:
         """A Blender light in the JSON form of `relume_scene::BlenderLight`."""

@@ -22,9 +22,11 @@ mod tangents;
 mod tests;
 mod texture;
 mod values;
+mod volumes;
 
 pub(crate) use color::luminance;
 pub use constant::constant_emission;
+pub(crate) use point::MediumPoint;
 pub use point::{Hit, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;
 pub use strands::{PointInfo, StrandInfo};
