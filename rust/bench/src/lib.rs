@@ -91,7 +91,7 @@ impl Extent {
     const TRIAL: Self = Self {
         traced: ((16, 16), 4),
         rays: (10, 100),
-        strands: (100, 100),
+        strands: (2_000, 400),
         gather_megabytes: 1,
         networks: NetworkExtent::TRIAL,
         first: (32, 20),

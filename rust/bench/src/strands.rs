@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn both_shapes_are_measured() {
-        let records = measure((200, 400)).unwrap();
+        let records = measure((2_000, 400)).unwrap();
         assert_eq!(records.len(), 2 * 4);
         assert!(records.iter().all(|record| record.value > 0.0), "{records:?}");
     }
