@@ -4,7 +4,7 @@ use blake3::Hasher;
 use bytemuck::cast_slice;
 use serde::Serialize;
 
-use crate::{Camera, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Camera, Grid, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 impl Scene {
     /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world and
@@ -19,6 +19,10 @@ impl Scene {
         json(&mut hasher, &(camera, materials, &self.working_space));
         self.meshes.iter().for_each(|mesh| hash_mesh(&mut hasher, mesh));
         self.instances.iter().for_each(|instance| hash_instance(&mut hasher, instance));
+        for set in &self.grids {
+            json(&mut hasher, &(set.interpolation, set.grids.len()));
+            set.grids.iter().for_each(|grid| hash_grid(&mut hasher, grid));
+        }
         for number in self.material_textures() {
             json(&mut hasher, &number);
             self.textures.get(number).into_iter().for_each(|texture| hash_texture(&mut hasher, texture));
@@ -114,6 +118,15 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if instance.shadow_terminator_shading != 0.0 {
         json(hasher, &instance.shadow_terminator_shading);
     }
+    if let Some(grids) = instance.grids {
+        json(hasher, &("grids", grids));
+    }
+}
+
+fn hash_grid(hasher: &mut Hasher, grid: &Grid) {
+    json(hasher, &(&grid.name, grid.channels, grid.object_from_index, grid.bricks, grid.active));
+    bytes(hasher, cast_slice(&grid.slots));
+    bytes(hasher, cast_slice(&grid.values));
 }
 
 fn hash_texture(hasher: &mut Hasher, texture: &Texture) {
@@ -129,19 +142,27 @@ mod tests {
     use glam::{Affine3A, Vec3};
 
     use super::*;
-    use crate::{Light, LightShape, LobeFactors};
+    use crate::{DenseGrid, GridInterpolation, GridSet, Light, LightShape, LobeFactors};
 
     fn scene() -> Scene {
         Scene {
             meshes: vec![Mesh { positions: vec![Vec3::ONE], ..Mesh::default() }],
             instances: vec![Instance::new("a", 0, Affine3A::IDENTITY, vec![0])],
+            grids: vec![GridSet { name: "Smoke".into(), grids: vec![grid()], ..GridSet::default() }],
             ..Scene::default()
         }
     }
 
+    fn grid() -> Grid {
+        let (name, object_from_index) = ("density", Affine3A::IDENTITY);
+        DenseGrid { name, size: [2; 3], channels: 1, values: &[1.0; 8], object_from_index }
+            .to_grid(0.0)
+            .unwrap()
+    }
+
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 8] = [
+        let changes: [fn(&mut Scene); 12] = [
             |scene| scene.meshes[0].positions[0].x = 1.000_001,
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,
             |scene| scene.instances[0].visible_glossy = false,
@@ -150,6 +171,10 @@ mod tests {
             |scene| scene.materials.push(Material::default()),
             |scene| scene.meshes[0].corner_normals.push(Vec3::ONE),
             |scene| scene.meshes[0].texture_space = Some([Vec3::ZERO, Vec3::ONE]),
+            |scene| scene.instances[0].grids = Some(0),
+            |scene| scene.grids[0].grids[0].values[7] = 0.5,
+            |scene| scene.grids[0].grids[0].name = "heat".into(),
+            |scene| scene.grids[0].interpolation = GridInterpolation::Cubic,
         ];
         let mut hashes: Vec<String> = vec![scene().hash()];
         for change in changes {

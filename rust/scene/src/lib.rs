@@ -9,6 +9,7 @@ mod blender_light_inverse;
 mod builder;
 mod camera;
 mod damage;
+mod grid;
 mod hash;
 mod light;
 mod light_lanes;
@@ -23,6 +24,7 @@ mod procedural;
 mod sockets;
 mod texture;
 mod validate;
+mod vdb;
 mod world;
 
 pub use blender_camera::{BlenderCamera, BlenderDepthOfField, CameraError, SensorFit};
@@ -32,6 +34,7 @@ pub use blender_light::{
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
 pub use glam;
+pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
 pub use material::{Input, Material, NodeId, Output};
@@ -50,6 +53,7 @@ pub use procedural::{
 };
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::{MOST_RADIANCE, SceneFault};
+pub use vdb::VdbFile;
 pub use world::World;
 
 /// Everything that the tracer needs, and the lights that the file came with.
@@ -65,6 +69,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Images, referred to by [`Node::ImageTexture`] and [`World`].
     pub textures: Vec<Texture>,
+    /// What fills volumes, referred to by [`Instance::grids`].
+    pub grids: Vec<GridSet>,
     /// World that rays see which leave the scene.
     pub world: World,
     /// The lights of the file. They are no part of what is traced; the tracer only looks more often to where they stand.

@@ -1,0 +1,181 @@
+"""Volumes in the exported scene: their grids against known functions, and what is said of those that cannot be read."""
+
+import math
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.engine.reading.scene import load_scene
+from helpers import add, add_material, add_quad, exported
+from vdb_file import write_vdb
+
+pytestmark = pytest.mark.every_version
+
+
+def add_nodes(scene, build):
+    """An object whose geometry nodes make what `build` returns the socket of."""
+    tree = bpy.data.node_groups.new("Fog", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    output = tree.nodes.new("NodeGroupOutput")
+    tree.links.new(build(tree), output.inputs[0])
+    obj = add(scene, "Fog", bpy.data.meshes.new("Fog"))
+    obj.modifiers.new("Nodes", "NODES").node_group = tree
+    return obj
+
+
+def volume_cube(tree, resolution=12):
+    """Density 7 + x + 2 y + 3 z in the cube from -1 to 1."""
+    cube = tree.nodes.new("GeometryNodeVolumeCube")
+    for axis in "XYZ":
+        cube.inputs[f"Resolution {axis}"].default_value = resolution
+    position, dot, add_7 = (tree.nodes.new(f"{kind}") for kind in ("GeometryNodeInputPosition", "ShaderNodeVectorMath", "ShaderNodeMath"))
+    dot.operation, dot.inputs[1].default_value = "DOT_PRODUCT", (1.0, 2.0, 3.0)
+    add_7.operation, add_7.inputs[1].default_value = "ADD", 7.0
+    tree.links.new(position.outputs[0], dot.inputs[0])
+    tree.links.new(dot.outputs["Value"], add_7.inputs[0])
+    tree.links.new(add_7.outputs[0], cube.inputs["Density"])
+    return cube.outputs[0]
+
+
+def add_file(scene, path, name="Smoke"):
+    """A volume object of a file, with a material that asks for its grids."""
+    volume = bpy.data.volumes.new(name)
+    volume.filepath = str(path)
+    material, tree, output = add_material("Smoke")
+    shader = tree.nodes.new("ShaderNodeVolumePrincipled")
+    shader.inputs["Color Attribute"].default_value = "color"
+    tree.links.new(shader.outputs[0], output.inputs["Volume"])
+    volume.materials.append(material)
+    return add(scene, name, volume)
+
+
+def fog_of(scene, name="Fog"):
+    """The exported scene, and the instance of a volume in it."""
+    add_quad(scene).location.z = -3.0
+    found = load_scene(scene)
+    import json
+
+    summary = json.loads(found.summary())
+    instance = next(each for each in summary["instances"] if each["grids"] is not None)
+    return found, instance, summary["grids"][instance["grids"]]["grids"]
+
+
+def places(grid, low, high, count=200):
+    """Random positions in voxels, and the same in object space."""
+    voxels = np.random.default_rng(1).uniform(low, high, (count, 3)).astype(np.float32)
+    matrix = np.array(grid["object_from_index"]).reshape(4, 3)
+    return voxels, (voxels @ matrix[:3] + matrix[3]).astype(np.float32)
+
+
+def test_a_volume_cube_has_the_densities_of_its_function(scene):
+    add_nodes(scene, volume_cube)
+    found, instance, [grid] = fog_of(scene)
+    assert (grid["name"], grid["channels"], grid["active"]) == ("density", 1, [[0, 0, 0], [11, 11, 11]])
+    voxels, positions = places(grid, 0.0, 11.0)
+    values = found.grid_values(instance["grids"], "density", positions)
+    expected = 7.0 + (voxels * 2.0 / 11.0 - 1.0) @ np.array([1.0, 2.0, 3.0])
+    np.testing.assert_allclose(values[:, 0], expected, atol=2e-5)
+
+
+def test_turned_volumes_lie_where_blender_says(scene):
+    def turned(tree):
+        transform = tree.nodes.new("GeometryNodeTransform")
+        tree.links.new(volume_cube(tree), transform.inputs["Geometry"])
+        transform.inputs["Rotation"].default_value = (0.3, -0.2, 0.5)
+        transform.inputs["Scale"].default_value = (1.0, 2.0, 0.5)
+        return transform.outputs[0]
+
+    add_nodes(scene, turned)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    volume = next(each.object.data for each in depsgraph.object_instances if each.object.type == "VOLUME")
+    volume.grids.load()
+    matrix = np.array(volume.grids[0].matrix_object)
+    _, _, [grid] = fog_of(scene)
+    np.testing.assert_allclose(np.array(grid["object_from_index"]).reshape(4, 3).T, matrix[:3], atol=1e-6)
+
+
+def test_a_ball_of_mesh_to_volume_is_1_inside_and_0_outside(scene):
+    def ball(tree):
+        sphere, volume = (tree.nodes.new(f"GeometryNode{kind}") for kind in ("MeshUVSphere", "MeshToVolume"))
+        sphere.inputs["Radius"].default_value = 2.0
+        volume.resolution_mode = "VOXEL_SIZE" if hasattr(volume, "resolution_mode") else None
+        volume.inputs["Voxel Size"].default_value = 0.05
+        volume.inputs["Interior Band Width"].default_value = 0.2
+        tree.links.new(sphere.outputs[0], volume.inputs["Mesh"])
+        return volume.outputs[0]
+
+    add_nodes(scene, ball)
+    found, instance, [grid] = fog_of(scene)
+    points = np.random.default_rng(1).normal(size=(2000, 3))
+    points *= (np.random.default_rng(2).uniform(0.0, 2.6, 2000) / np.linalg.norm(points, axis=1))[:, None]
+    radius = np.linalg.norm(points, axis=1)
+    values = found.grid_values(instance["grids"], "density", points.astype(np.float32))[:, 0]
+    assert np.all(values[radius < 1.6] == 1.0) and np.sum(radius < 1.6) > 500
+    assert np.all(values[radius > 2.1] == 0.0) and np.sum(radius > 2.1) > 200
+
+
+def test_scalars_and_colours_of_a_file_are_read_as_written(scene, tmp_path):
+    index = np.indices((20, 11, 9)).astype(np.float32)
+    color = np.moveaxis(index, 0, -1) + 1.0
+    write_vdb(tmp_path / "smoke.vdb", {"density": 1.0 + index.sum(0), "color": color}, 0.1, (-1.0, -0.5, 0.25))
+    add_file(scene, tmp_path / "smoke.vdb")
+    found, instance, grids = fog_of(scene)
+    assert sorted(grid["name"] for grid in grids) == ["color", "density"]
+    voxels = np.random.default_rng(1).uniform(0.0, (19.0, 10.0, 8.0), (200, 3))
+    positions = (voxels * 0.1 + (-1.0, -0.5, 0.25)).astype(np.float32)
+    density = found.grid_values(instance["grids"], "density", positions)
+    np.testing.assert_allclose(density[:, 0], 1.0 + voxels.sum(1), rtol=2e-5)
+    np.testing.assert_allclose(found.grid_values(instance["grids"], "color", positions), voxels + 1.0, rtol=2e-5)
+
+
+def test_a_sequence_shows_the_grids_of_the_frame(scene, tmp_path):
+    for frame in (1, 2, 3):
+        write_vdb(tmp_path / f"smoke_{frame:04d}.vdb", {"density": np.full((4, 4, 4), float(frame))})
+    volume = add_file(scene, tmp_path / "smoke_0001.vdb").data
+    volume.is_sequence, volume.frame_start, volume.frame_duration = True, 1, 3
+    middle = np.array([[1.5, 1.5, 1.5]], np.float32)
+    for frame in (2, 3):
+        scene.frame_set(frame)
+        found, instance, _ = fog_of(scene)
+        assert found.grid_values(instance["grids"], "density", middle)[0, 0] == frame
+    scene.frame_set(7)
+    summary = exported(scene)
+    assert not summary["grids"] and not any("Smoke" in warning for warning in summary["warnings"])
+
+
+def test_files_that_cannot_be_read_are_named(scene, tmp_path):
+    add_quad(scene)
+    (tmp_path / "broken.vdb").write_bytes(b"no volume at all")
+    smoke = add_file(scene, tmp_path / "missing.vdb")
+    for name in ("missing.vdb", "broken.vdb"):
+        smoke.data.filepath = str(tmp_path / name)
+        bpy.context.view_layer.update()
+        [warning] = [warning for warning in exported(scene)["warnings"] if "'Smoke'" in warning]
+        assert "its file cannot be read" in warning and "left out" in warning, warning
+    write_vdb(tmp_path / "heat.vdb", {"heat": np.ones((4, 4, 4))})
+    smoke.data.filepath = str(tmp_path / "heat.vdb")
+    [warning] = [warning for warning in exported(scene)["warnings"] if "'Smoke'" in warning]
+    assert "asks for grids color, density and temperature, and it has heat" in warning, warning
+
+
+def test_densities_that_no_volume_has_are_0_and_named(scene, tmp_path):
+    density = np.ones((4, 4, 4), np.float32)
+    density[1, 1, 1], density[2, 2, 2] = math.nan, -1.0
+    write_vdb(tmp_path / "smoke.vdb", {"density": density})
+    smoke = add_file(scene, tmp_path / "smoke.vdb")
+    smoke.data.render.clipping = -math.inf
+    found, instance, _ = fog_of(scene)
+    values = found.grid_values(instance["grids"], "density", np.array([[1, 1, 1], [2, 2, 2], [3, 3, 3]], np.float32))
+    assert values[:, 0].tolist() == [0.0, 0.0, 1.0]
+    [warning] = [warning for warning in found.warnings if "'Smoke'" in warning]
+    assert "2 values of grid 'density' are below 0 or not finite" in warning, warning
+
+
+def test_a_view_layer_without_volumes_has_none(scene, tmp_path):
+    add_quad(scene)
+    write_vdb(tmp_path / "smoke.vdb", {"density": np.ones((4, 4, 4))})
+    add_file(scene, tmp_path / "smoke.vdb")
+    assert len(exported(scene)["grids"]) == 1
+    bpy.context.view_layer.use_volumes = False
+    assert not exported(scene)["grids"]
