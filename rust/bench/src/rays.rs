@@ -71,7 +71,7 @@ impl Peers {
     fn new(scene: &Scene) -> Self {
         let mut triangles = Vec::new();
         for instance in &scene.instances {
-            let mesh = &scene.meshes[instance.mesh];
+            let Some(mesh) = scene.mesh(instance.geometry) else { continue };
             triangles.extend(mesh.triangles.iter().map(|triangle| {
                 let [v0, v1, v2] = triangle.map(|vertex| {
                     instance.world_from_object.transform_point3a(Vec3A::from(mesh.positions[vertex as usize]))
@@ -137,15 +137,15 @@ fn bounce(scene: &Scene, bvh: &SceneBvh, rays: &[Ray]) -> Vec<Ray> {
         let (sin, cos) = (std::f32::consts::TAU * u).sin_cos();
         let direction = (x * cos + y * sin) * v.sqrt() + normal * (1.0 - v).sqrt();
         let origin = ray.origin + ray.direction * hit.distance + normal * (hit.distance * 1e-5);
-        Ray { lobe: Lobe::Diffuse, from: Some((hit.instance, hit.triangle)), ..Ray::new(origin, direction) }
+        Ray { lobe: Lobe::Diffuse, from: Some((hit.instance, hit.primitive)), ..Ray::new(origin, direction) }
     })
     .collect()
 }
 
 fn normal_towards(scene: &Scene, hit: &Hit, direction: Vec3) -> Vec3 {
     let instance = &scene.instances[hit.instance as usize];
-    let mesh = &scene.meshes[instance.mesh];
-    let [a, b, c] = mesh.triangles[hit.triangle as usize]
+    let Some(mesh) = scene.mesh(instance.geometry) else { return -direction };
+    let [a, b, c] = mesh.triangles[hit.primitive as usize]
         .map(|vertex| instance.world_from_object.transform_point3(mesh.positions[vertex as usize]));
     let normal = (b - a).cross(c - a).normalize_or(-direction);
     if normal.dot(direction) > 0.0 { -normal } else { normal }

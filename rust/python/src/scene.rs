@@ -464,7 +464,8 @@ fn regrouped<'a, T: bytemuck::AnyBitPattern>(
 }
 
 fn summary(scene: &scene::Scene) -> serde_json::Value {
-    let triangles = |instance: &scene::Instance| scene.meshes[instance.mesh].triangles.len();
+    let triangles =
+        |instance: &scene::Instance| scene.mesh(instance.geometry).map_or(0, |mesh| mesh.triangles.len());
     serde_json::json!({
         "camera": scene.camera,
         "lights": scene.lights,
@@ -475,7 +476,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "uv_maps": m.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "instances": scene.instances.iter().map(|i| serde_json::json!({
-            "name": i.name, "mesh": i.mesh, "materials": i.materials, "receiver": i.receiver,
+            "name": i.name, "mesh": i.geometry.mesh(), "materials": i.materials, "receiver": i.receiver,
             "world_from_object": i.world_from_object, "color": i.color, "pass_index": i.pass_index, "grids": i.grids,
             "random": i.random, "shadow_terminator_offset": i.shadow_terminator_offset,
             "shadow_terminator_shading": i.shadow_terminator_shading,

@@ -151,10 +151,10 @@ impl SceneBuilder {
         Ok(self.scene.grids.len() - 1)
     }
 
-    /// Places a mesh.
+    /// Places geometry.
     pub fn add_instance(&mut self, instance: Instance) -> Result<(), BuildError> {
-        let reason = if instance.mesh >= self.scene.meshes.len() {
-            "its mesh does not exist"
+        let reason = if let Some(missing) = self.scene.missing(instance.geometry) {
+            missing
         } else if instance.materials.iter().any(|material| *material >= self.scene.materials.len()) {
             "its material does not exist"
         } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
@@ -175,8 +175,7 @@ impl SceneBuilder {
         } else if instance.world_from_object.matrix3.determinant() == 0.0 {
             "scaled to zero; left out (apply its scale if it is only flat)"
         } else {
-            // Of a mesh without triangles nothing can be seen.
-            if !self.scene.meshes[instance.mesh].triangles.is_empty() {
+            if !self.scene.is_empty(instance.geometry) {
                 self.scene.instances.push(instance);
             }
             return;

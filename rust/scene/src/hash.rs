@@ -4,7 +4,7 @@ use blake3::Hasher;
 use bytemuck::cast_slice;
 use serde::Serialize;
 
-use crate::{Camera, Grid, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Camera, Geometry, Grid, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 impl Scene {
     /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world and
@@ -107,10 +107,11 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
         instance.visible_glossy,
         instance.visible_transmission,
     ];
+    let Geometry::Mesh(index) = instance.geometry;
     json(
         hasher,
         &(
-            (&instance.name, instance.mesh, &instance.materials, instance.world_from_object),
+            (&instance.name, index, &instance.materials, instance.world_from_object),
             (instance.receiver, instance.color, instance.pass_index, instance.random, visibility),
             instance.shadow_terminator_offset,
         ),

@@ -9,6 +9,7 @@ mod blender_light_inverse;
 mod builder;
 mod camera;
 mod damage;
+mod geometry;
 mod grid;
 mod hash;
 mod light;
@@ -33,6 +34,7 @@ pub use blender_light::{
 };
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
+pub use geometry::Geometry;
 pub use glam;
 pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
@@ -63,7 +65,7 @@ pub struct Scene {
     pub camera: Camera,
     /// Each evaluated mesh once.
     pub meshes: Vec<Mesh>,
-    /// Instances of meshes.
+    /// Instances of geometry.
     pub instances: Vec<Instance>,
     /// Shader graphs, referred to by [`Instance::materials`].
     pub materials: Vec<Material>,

@@ -1,5 +1,7 @@
 use glam::{Affine3A, BVec3, Vec2, Vec3};
 
+use crate::{Geometry, Scene};
+
 /// A triangle mesh in object space. Corner `3 t + c` is corner `c` of triangle `t`.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
@@ -59,13 +61,14 @@ pub struct ColorAttribute {
     pub colors: Vec<[f32; 4]>,
 }
 
-/// A mesh placed in the world.
+/// Geometry placed in the world.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Instance {
     /// Object name, for messages.
     pub name: String,
-    /// Index into [`crate::Scene::meshes`].
-    pub mesh: usize,
+    /// Geometry that is placed.
+    #[serde(flatten)]
+    pub geometry: Geometry,
     /// Object transform, may mirror and scale.
     pub world_from_object: Affine3A,
     /// Material of each slot: indices into [`crate::Scene::materials`]; a missing slot uses the last one.
@@ -107,21 +110,23 @@ impl Instance {
     pub const RECEIVER_LIMIT: usize = 2048;
 
     /// Number of the material of a triangle of its mesh; the last one where the slot is missing, none where all are.
-    pub fn material_of(&self, mesh: &Mesh, triangle: usize) -> Option<usize> {
-        let slot = mesh.material_slots.get(triangle).map_or(0, |slot| usize::from(*slot));
+    /// Everything else has that of slot 0.
+    pub fn material_of(&self, scene: &Scene, primitive: usize) -> Option<usize> {
+        let slots = scene.mesh(self.geometry).map_or(&[][..], |mesh| &mesh.material_slots);
+        let slot = slots.get(primitive).map_or(0, |slot| usize::from(*slot));
         self.materials.get(slot).or(self.materials.last()).copied()
     }
 
     /// An instance with Blender's defaults.
     pub fn new(
         name: impl Into<String>,
-        mesh: usize,
+        geometry: impl Into<Geometry>,
         world_from_object: Affine3A,
         materials: Vec<usize>,
     ) -> Self {
         Self {
             name: name.into(),
-            mesh,
+            geometry: geometry.into(),
             world_from_object,
             materials,
             receiver: 0,

@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::{Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Geometry, Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -34,10 +34,7 @@ impl Scene {
             faults.extend(reason.map(|reason| SceneFault { part, name: name.to_owned(), reason }));
         };
         check("camera", &self.camera.name, self.camera_fault());
-        let is_empty = self
-            .instances
-            .iter()
-            .all(|instance| self.meshes.get(instance.mesh).is_none_or(|mesh| mesh.triangles.is_empty()));
+        let is_empty = self.instances.iter().all(|instance| self.is_empty(instance.geometry));
         check(
             "scene",
             &self.camera.name,
@@ -73,6 +70,23 @@ impl Scene {
         names
     }
 
+    /// The mesh that a geometry is; nothing for other kinds, or if it does not exist.
+    pub fn mesh(&self, geometry: Geometry) -> Option<&Mesh> {
+        self.meshes.get(geometry.mesh()?)
+    }
+
+    /// True if there is nothing of a geometry that a ray could meet.
+    pub(crate) fn is_empty(&self, geometry: Geometry) -> bool {
+        let Geometry::Mesh(index) = geometry;
+        self.meshes.get(index).is_none_or(|mesh| mesh.triangles.is_empty())
+    }
+
+    /// Fault of a geometry that no list has.
+    pub(crate) fn missing(&self, geometry: Geometry) -> Option<&'static str> {
+        let Geometry::Mesh(index) = geometry;
+        (index >= self.meshes.len()).then_some("its mesh does not exist")
+    }
+
     fn camera_fault(&self) -> Option<String> {
         const SIZE_LIMIT: usize = 1 << 16;
         let camera = &self.camera;
@@ -102,8 +116,8 @@ impl Scene {
     }
 
     fn instance_fault(&self, instance: &Instance) -> Option<String> {
-        if instance.mesh >= self.meshes.len() {
-            Some("its mesh does not exist".to_owned())
+        if let Some(missing) = self.missing(instance.geometry) {
+            Some(missing.to_owned())
         } else if instance.materials.iter().any(|material| *material >= self.materials.len()) {
             Some("its material does not exist".to_owned())
         } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
@@ -173,7 +187,7 @@ fn mesh_fault(mesh: &Mesh, scene: &Scene) -> Option<String> {
         let users: Vec<&str> = scene
             .instances
             .iter()
-            .filter(|instance| scene.meshes.get(instance.mesh).is_some_and(|used| std::ptr::eq(used, mesh)))
+            .filter(|instance| scene.mesh(instance.geometry).is_some_and(|used| std::ptr::eq(used, mesh)))
             .map(|instance| instance.name.as_str())
             .take(3)
             .collect();
@@ -243,7 +257,7 @@ mod tests {
     #[test]
     fn bad_references_are_named() {
         assert!(reason(|scene| scene.meshes[0].triangles[0][2] = 3).contains("Plane"));
-        assert!(reason(|scene| scene.instances[0].mesh = 1).contains("Floor"));
+        assert!(reason(|scene| scene.instances[0].geometry = 1.into()).contains("Floor"));
         assert!(reason(|scene| scene.instances[0].materials = vec![0]).contains("Floor"));
         assert!(
             reason(|scene| scene.instances[0].grids = Some(0)).contains("'Floor': its grids do not exist")

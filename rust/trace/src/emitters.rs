@@ -66,9 +66,9 @@ impl Emitters {
             if !is_seen_by_all(instance) {
                 continue;
             }
-            let mesh = &scene.meshes[instance.mesh];
+            let Some(mesh) = scene.mesh(instance.geometry) else { continue };
             for (number, triangle) in mesh.triangles.iter().enumerate() {
-                let material = instance.material_of(mesh, number);
+                let material = instance.material_of(scene, number);
                 let points = material.map_or(0, |material| points_by_material[material]);
                 if points == 0 {
                     continue;

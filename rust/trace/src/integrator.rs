@@ -100,7 +100,7 @@ impl Integrator<'_> {
                 break;
             };
             if let Some(lights_only) = path.lights_only {
-                if (hit.instance, hit.triangle) != lights_only.triangle {
+                if (hit.instance, hit.primitive) != lights_only.primitive {
                     let end = End::Vertex(lights_only.vertex + ray.direction * hit.distance);
                     self.record(&path, last, end, sink);
                 }
@@ -261,8 +261,8 @@ impl Integrator<'_> {
         ray.direction = sample.wi;
         if sample.lights_only {
             offset_for_terminator(ray, &self.materials, self.scene, point);
-            let triangle = (point.instance, point.triangle);
-            path.lights_only = Some(LightsOnly { vertex: point.position, triangle });
+            let primitive = (point.instance, point.primitive);
+            path.lights_only = Some(LightsOnly { vertex: point.position, primitive });
         } else {
             offset_origin(ray, point);
         }

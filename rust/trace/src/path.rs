@@ -41,8 +41,8 @@ pub(crate) struct PathState {
 pub(crate) struct LightsOnly {
     /// The vertex that the path left, from which lights are seen; what blocks them is seen from above it.
     pub vertex: Vec3,
-    /// Instance and triangle of that vertex.
-    pub triangle: (u32, u32),
+    /// Instance and primitive of that vertex.
+    pub primitive: (u32, u32),
 }
 
 impl PathState {

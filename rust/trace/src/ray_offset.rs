@@ -13,7 +13,7 @@ use crate::{
 pub(crate) fn offset_origin(ray: &mut Ray, point: &SurfacePoint) {
     let side = if point.geometric_normal.dot(ray.direction) < 0.0 { -1.0 } else { 1.0 };
     ray.origin = point.position + point.geometric_normal * (side * rounding(point));
-    ray.from = Some((point.instance, point.triangle));
+    ray.from = Some((point.instance, point.primitive));
 }
 
 /// Starts a scattered `ray` at `point` that dips below a smooth-shaded triangle: on the curved surface that the triangle

@@ -78,7 +78,7 @@ impl StaticLights {
         let (Some(last), Some(emitters)) = (last, &self.emitters) else { return 1.0 };
         let towards = point.position - last.position;
         let cos = point.geometric_normal.dot(point.wo).abs();
-        let density = emitters.area_density(point.instance, point.triangle)
+        let density = emitters.area_density(point.instance, point.primitive)
             * (1.0 - self.environment_share())
             * towards.length_squared()
             / cos.max(f32::MIN_POSITIVE);
@@ -149,7 +149,7 @@ impl StaticLights {
             let Some(hit) = tracer.bvh.intersect(&ray) else {
                 return goal.is_none().then_some(through);
             };
-            let met = (hit.instance, hit.triangle);
+            let met = (hit.instance, hit.primitive);
             if goal != Some(met) && !self.transparent[hit.instance as usize] {
                 return None;
             }

@@ -101,7 +101,8 @@ pub fn info(path: &Path) -> Result<Info, SessionError> {
 }
 
 fn scene_info(SceneFile { scene, settings, .. }: SceneFile) -> Info {
-    let triangles = |instance: &Instance| scene.meshes[instance.mesh].triangles.len();
+    let triangles =
+        |instance: &Instance| scene.mesh(instance.geometry).map_or(0, |mesh| mesh.triangles.len());
     Info::Scene {
         scene_hash: scene.hash(),
         resolution: [scene.camera.width, scene.camera.height],

@@ -8,7 +8,7 @@ use obvhs::{
     splits::split_aabbs_preset,
     triangle::Triangle,
 };
-use relume_scene::{Instance, Mesh, Scene};
+use relume_scene::{Geometry, Instance, Mesh, Scene};
 
 use super::{
     BvhError,
@@ -29,7 +29,8 @@ pub(super) const SHARED_MESH_TRIANGLES: usize = 64;
 pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     let mut uses = vec![0_usize; scene.meshes.len()];
     for instance in &scene.instances {
-        uses[instance.mesh] += 1;
+        let Geometry::Mesh(mesh) = instance.geometry;
+        uses[mesh] += 1;
     }
     let is_shared =
         |mesh: usize| uses[mesh] > 1 && scene.meshes[mesh].triangles.len() >= SHARED_MESH_TRIANGLES;
@@ -40,17 +41,18 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     let mut shared_roots = vec![None; scene.meshes.len()];
     let mut depth_below = 0;
     for (index, instance) in scene.instances.iter().enumerate() {
-        let mesh = &scene.meshes[instance.mesh];
+        let Geometry::Mesh(number) = instance.geometry;
+        let mesh = &scene.meshes[number];
         first_ids.push(instance_of.len() as u32);
-        if is_shared(instance.mesh) {
-            if shared_roots[instance.mesh].is_none() {
+        if is_shared(number) {
+            if shared_roots[number].is_none() {
                 let mut list = PrimitiveList::default();
                 list.add_mesh(mesh, Affine3A::IDENTITY, 0);
                 let root = list.build(&mut tree);
                 depth_below = depth_below.max(root.map_or(0, |(_, depth)| depth));
-                shared_roots[instance.mesh] = Some((root, list.bounds()));
+                shared_roots[number] = Some((root, list.bounds()));
             }
-            if let Some((Some((root, _)), bounds)) = shared_roots[instance.mesh] {
+            if let Some((Some((root, _)), bounds)) = shared_roots[number] {
                 world.add_placement(instance, index, root, bounds, &mut tree);
             }
         } else {

@@ -50,7 +50,7 @@ pub struct Ray {
     pub t_max: f32,
     /// Scattering event that made the ray; objects can be invisible to a kind of ray.
     pub lobe: Lobe,
-    /// Instance and triangle that it leaves, which it cannot meet again at once (as in Cycles).
+    /// Instance and primitive that it leaves, which it cannot meet again at once (as in Cycles).
     pub from: Option<(u32, u32)>,
 }
 
@@ -137,17 +137,17 @@ impl SceneBvh {
 
     /// Instance of the primitive that the ray leaves if it is a placed one, and the primitive's number.
     fn source_primitive(&self, ray: &Ray) -> (u32, u32) {
-        let Some((instance, triangle)) = ray.from else { return (u32::MAX, u32::MAX) };
+        let Some((instance, primitive)) = ray.from else { return (u32::MAX, u32::MAX) };
         if self.placed[instance as usize] {
-            (instance, triangle)
+            (instance, primitive)
         } else {
-            (u32::MAX, self.tree.first_ids[instance as usize] + triangle)
+            (u32::MAX, self.tree.first_ids[instance as usize] + primitive)
         }
     }
 
     fn hit(&self, found: &NearestHit) -> Hit {
         let cross = self.tree.blocks[found.block as usize].cross(found.lane as usize);
-        let (instance, triangle, front) = if found.placement == u32::MAX {
+        let (instance, primitive, front) = if found.placement == u32::MAX {
             let instance = self.tree.instance_of[found.id as usize];
             let front = if self.mirrored[instance as usize] { -cross } else { cross };
             (instance, found.id - self.tree.first_ids[instance as usize], front)
@@ -158,7 +158,7 @@ impl SceneBvh {
         };
         // Widened edges (`EDGE_SLACK`) let a hit lie slightly outside.
         let (u, v) = (found.u.clamp(0.0, 1.0), found.v.clamp(0.0, 1.0));
-        Hit { instance, triangle, barycentrics: [u.min(1.0 - v), v], distance: found.t, front }
+        Hit { instance, primitive, barycentrics: [u.min(1.0 - v), v], distance: found.t, front }
     }
 }
 

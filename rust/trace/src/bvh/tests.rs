@@ -55,7 +55,7 @@ fn brute_force(scene: &Scene, ray: &Ray, slack: f64) -> f64 {
     let mut nearest = f64::from(ray.t_max);
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     for (index, instance) in scene.instances.iter().enumerate() {
-        let mesh = &scene.meshes[instance.mesh];
+        let Some(mesh) = scene.mesh(instance.geometry) else { continue };
         for (number, triangle) in mesh.triangles.iter().enumerate() {
             if ray.from == Some((index as u32, number as u32)) {
                 continue;
@@ -178,11 +178,11 @@ fn instancing_finds_the_same_triangles_as_copies() {
     for _ in 0..5000 {
         let ray = Ray::new(random.point(2.0), random.direction());
         let [a, b] =
-            [&shared, &copies].map(|bvh| bvh.intersect(&ray).map(|hit| (hit.instance, hit.triangle)));
+            [&shared, &copies].map(|bvh| bvh.intersect(&ray).map(|hit| (hit.instance, hit.primitive)));
         differing += usize::from(a != b);
         if let (Some(a), true) = (shared.intersect(&ray), a == b) {
             // Fronts follow the object also where it is mirrored, however it is stored.
-            let listed = Hit::on(&shared_scene, [a.instance, a.triangle], a.barycentrics, a.distance);
+            let listed = Hit::on(&shared_scene, [a.instance, a.primitive], a.barycentrics, a.distance);
             let b = copies.intersect(&ray).unwrap();
             for front in [a.front, b.front] {
                 assert!(front.normalize().dot(listed.front.normalize()) > 0.999, "{front} {}", listed.front);
@@ -191,7 +191,7 @@ fn instancing_finds_the_same_triangles_as_copies() {
         if let Some(from) = a {
             // Leaving a placed triangle never meets it again.
             let again = shared.intersect(&Ray { from: Some(from), ..ray });
-            assert_ne!(again.map(|hit| (hit.instance, hit.triangle)), Some(from));
+            assert_ne!(again.map(|hit| (hit.instance, hit.primitive)), Some(from));
         }
     }
     assert!(differing <= 3, "{differing} of 5000 rays differ by more than rounding at edges explains");

@@ -27,7 +27,7 @@ pub fn coordinate(context: &ShadingContext, kind: TexCoord) -> Vec3 {
 
 /// Position in 0..1 of the mesh's bounding box; the middle along flat directions.
 pub fn generated(context: &ShadingContext) -> Vec3 {
-    let (min, size) = context.prepared.bounds[context.point.mesh as usize];
+    let (min, size) = context.prepared.bounds(context.point.geometry);
     let position = context.prepared.object_position(context.point.instance, context.point.position);
     let relative = position - min;
     Vec3::select(size.cmpgt(Vec3::ZERO), relative / size, Vec3::splat(0.5))
@@ -65,9 +65,11 @@ pub fn footprint_axes(normal: Vec3) -> (Vec3, Vec3) {
 /// The point moved by a vector in the plane of its triangle.
 pub fn shifted(context: &ShadingContext, offset: Vec3) -> SurfacePoint {
     let point = context.point;
-    let mesh = context.mesh();
+    let Some(mesh) = context.mesh() else {
+        return SurfacePoint { position: point.position + offset, ..*point };
+    };
     let matrix = context.instance().world_from_object.matrix3;
-    let [a, b, c] = mesh.triangles[point.triangle as usize].map(|vertex| mesh.positions[vertex as usize]);
+    let [a, b, c] = mesh.triangles[point.primitive as usize].map(|vertex| mesh.positions[vertex as usize]);
     let (along_u, along_v) = (matrix * (b - a), matrix * (c - a));
     let normal = along_u.cross(along_v);
     let scale = normal.length_squared().recip();

@@ -66,8 +66,9 @@ impl<'a> ShadingContext<'a> {
         &self.scene.instances[self.point.instance as usize]
     }
 
-    pub fn mesh(&self) -> &'a Mesh {
-        &self.scene.meshes[self.point.mesh as usize]
+    /// The mesh that the point is on; nothing for other geometry.
+    pub fn mesh(&self) -> Option<&'a Mesh> {
+        self.scene.mesh(self.point.geometry)
     }
 
     /// Evaluates `nodes` in order. `scratch` holds values of bump heights at shifted points.
@@ -152,20 +153,21 @@ impl<'a> ShadingContext<'a> {
 
     /// UV coordinates of the named map with this number; 0 where the mesh lacks it.
     fn uv(&self, name: usize) -> Vec3 {
-        let Some(map) = self.prepared.uv_map(self.point.mesh, name) else { return Vec3::ZERO };
+        let Some(map) = self.prepared.uv_map(self.point.geometry, name) else { return Vec3::ZERO };
         self.interpolate_uv(map).extend(0.0)
     }
 
     fn interpolate_uv(&self, map: usize) -> Vec2 {
-        let coords = &self.mesh().uv_maps[map].coords;
+        let Some(mesh) = self.mesh() else { return Vec2::ZERO };
+        let coords = &mesh.uv_maps[map].coords;
         self.interpolate(|corner| coords[corner])
     }
 
     /// The attribute with this name number, alpha 1 for a UV map; nothing where the mesh lacks it.
     fn named(&self, name: usize) -> Option<Vec4> {
-        Some(match self.prepared.attribute(self.point.mesh, name)? {
+        Some(match self.prepared.attribute(self.point.geometry, name)? {
             NamedAttribute::Color(map) => {
-                let colors = &self.mesh().color_attributes[map].colors;
+                let colors = &self.mesh()?.color_attributes[map].colors;
                 self.interpolate(|corner| Vec4::from(colors[corner]))
             }
             NamedAttribute::Uv(map) => self.interpolate_uv(map).extend(0.0).extend(1.0),
@@ -186,7 +188,7 @@ impl<'a> ShadingContext<'a> {
     where
         T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
     {
-        let corner = 3 * self.point.triangle as usize;
+        let corner = 3 * self.point.primitive as usize;
         let [u, v] = self.point.barycentrics;
         at_corner(corner) * (1.0 - u - v) + at_corner(corner + 1) * u + at_corner(corner + 2) * v
     }
@@ -207,7 +209,7 @@ impl<'a> ShadingContext<'a> {
         let blender_axes = Vec3::new(1.0, -1.0, -1.0);
         let normal = match space {
             NormalSpace::Tangent => {
-                let Some(tangents) = self.prepared.tangents(point.mesh, uv_map) else { return smooth };
+                let Some(tangents) = self.prepared.tangents(point.geometry, uv_map) else { return smooth };
                 let tangent = self.interpolate(|corner| tangents[corner].truncate());
                 let sign = self.interpolate(|corner| tangents[corner].w);
                 let normal = self.object_normal();
@@ -227,12 +229,14 @@ impl<'a> ShadingContext<'a> {
 
     /// Interpolated object-space normal, not normalised, on the front whatever the side of the ray.
     fn object_normal(&self) -> Vec3 {
-        let normals = &self.mesh().corner_normals;
-        if normals.is_empty() {
-            let side = if self.point.backfacing { -1.0 } else { 1.0 };
-            self.prepared.object_normal(self.point.instance, self.point.geometric_normal * side)
-        } else {
-            self.interpolate(|corner| normals[corner])
+        match self.mesh() {
+            Some(mesh) if !mesh.corner_normals.is_empty() => {
+                self.interpolate(|corner| mesh.corner_normals[corner])
+            }
+            _ => {
+                let side = if self.point.backfacing { -1.0 } else { 1.0 };
+                self.prepared.object_normal(self.point.instance, self.point.geometric_normal * side)
+            }
         }
     }
 

@@ -1,5 +1,5 @@
 use glam::Vec3;
-use relume_scene::Scene;
+use relume_scene::{Geometry, Scene};
 
 /// Intersection of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -7,7 +7,7 @@ pub struct Hit {
     /// Index into [`relume_scene::Scene::instances`].
     pub instance: u32,
     /// Triangle of the instance's mesh.
-    pub triangle: u32,
+    pub primitive: u32,
     /// Weights of the triangle's second and third corner.
     pub barycentrics: [f32; 2],
     /// Distance along the unit ray direction, metres.
@@ -18,13 +18,15 @@ pub struct Hit {
 
 impl Hit {
     /// A hit on a triangle that is known without a ray.
-    pub fn on(scene: &Scene, [instance, triangle]: [u32; 2], barycentrics: [f32; 2], distance: f32) -> Self {
+    pub fn on(scene: &Scene, [instance, primitive]: [u32; 2], barycentrics: [f32; 2], distance: f32) -> Self {
         let placed = &scene.instances[instance as usize];
-        let mesh = &scene.meshes[placed.mesh];
-        let [a, b, c] = mesh.triangles[triangle as usize].map(|vertex| mesh.positions[vertex as usize]);
+        let cross = scene.mesh(placed.geometry).map_or(Vec3::Z, |mesh| {
+            let [a, b, c] = mesh.triangles[primitive as usize].map(|vertex| mesh.positions[vertex as usize]);
+            (b - a).cross(c - a)
+        });
         let normal_matrix = placed.world_from_object.matrix3.inverse().transpose();
-        let front = normal_matrix * (b - a).cross(c - a);
-        Self { instance, triangle, barycentrics, distance, front }
+        let front = normal_matrix * cross;
+        Self { instance, primitive, barycentrics, distance, front }
     }
 }
 
@@ -43,10 +45,10 @@ pub struct SurfacePoint {
     pub backfacing: bool,
     /// See [`Hit::instance`].
     pub instance: u32,
-    /// Index into [`relume_scene::Scene::meshes`].
-    pub mesh: u32,
-    /// See [`Hit::triangle`].
-    pub triangle: u32,
+    /// Geometry of the instance.
+    pub geometry: Geometry,
+    /// See [`Hit::primitive`].
+    pub primitive: u32,
     /// See [`Hit::barycentrics`].
     pub barycentrics: [f32; 2],
     /// Length of the ray, metres.

@@ -1,5 +1,5 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec4};
-use relume_scene::{Extension, Interpolation, Mesh, Scene};
+use relume_scene::{Extension, Geometry, Interpolation, Mesh, Scene};
 
 use super::closures::shade;
 use super::evaluate::ShadingContext;
@@ -15,9 +15,15 @@ pub struct PreparedMaterials {
     graphs: Vec<Graph>,
     pub(super) textures: Vec<PreparedTexture>,
     transforms: Vec<Transforms>,
-    /// Lower corner and size of the box of each mesh's generated coordinates.
-    pub(super) bounds: Vec<(Vec3, Vec3)>,
-    attributes: Vec<Attributes>,
+    meshes: Vec<PreparedGeometry>,
+}
+
+/// Everything about one geometry that does not depend on the hit.
+#[derive(Debug)]
+struct PreparedGeometry {
+    /// Lower corner and size of the box of generated coordinates.
+    bounds: (Vec3, Vec3),
+    attributes: Attributes,
 }
 
 /// Transforms of one instance.
@@ -30,7 +36,7 @@ struct Transforms {
     object_from_world_normal: Mat3A,
 }
 
-/// Numbers of a mesh's arrays that the graphs mean by their names.
+/// Numbers of a geometry's arrays that the graphs mean by their names.
 #[derive(Clone, Debug)]
 struct Attributes {
     uv_maps: Vec<Option<usize>>,
@@ -39,7 +45,7 @@ struct Attributes {
     named: Vec<Option<NamedAttribute>>,
 }
 
-/// Place of an attribute of some name in a mesh.
+/// Place of an attribute of some name in a geometry.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum NamedAttribute {
     /// Index of a colour attribute.
@@ -75,8 +81,7 @@ impl PreparedMaterials {
                     object_from_world_normal: instance.world_from_object.matrix3.transpose(),
                 })
                 .collect(),
-            bounds: scene.meshes.iter().map(bounds).collect(),
-            attributes: scene.meshes.iter().map(|mesh| find_attributes(mesh, &names)).collect(),
+            meshes: scene.meshes.iter().map(|mesh| PreparedGeometry::of_mesh(mesh, &names)).collect(),
         };
         (prepared, warnings)
     }
@@ -92,18 +97,18 @@ impl PreparedMaterials {
         footprint: f32,
     ) -> SurfacePoint {
         let instance = &scene.instances[hit.instance as usize];
-        let mesh = &scene.meshes[instance.mesh];
         let front = hit.front.normalize_or(-direction);
-        let smooth = if mesh.corner_normals.is_empty() {
-            front
-        } else {
-            let corner = 3 * hit.triangle as usize;
-            let [u, v] = hit.barycentrics;
-            let interpolated = mesh.corner_normals[corner] * (1.0 - u - v)
-                + mesh.corner_normals[corner + 1] * u
-                + mesh.corner_normals[corner + 2] * v;
-            let normal_matrix = self.transforms[hit.instance as usize].world_from_object_normal;
-            (normal_matrix * interpolated).normalize_or(front)
+        let smooth = match scene.mesh(instance.geometry) {
+            Some(mesh) if !mesh.corner_normals.is_empty() => {
+                let corner = 3 * hit.primitive as usize;
+                let [u, v] = hit.barycentrics;
+                let interpolated = mesh.corner_normals[corner] * (1.0 - u - v)
+                    + mesh.corner_normals[corner + 1] * u
+                    + mesh.corner_normals[corner + 2] * v;
+                let normal_matrix = self.transforms[hit.instance as usize].world_from_object_normal;
+                (normal_matrix * interpolated).normalize_or(front)
+            }
+            _ => front,
         };
         let backfacing = front.dot(direction) > 0.0;
         let side = if backfacing { -1.0 } else { 1.0 };
@@ -114,8 +119,8 @@ impl PreparedMaterials {
             wo: -direction,
             backfacing,
             instance: hit.instance,
-            mesh: instance.mesh as u32,
-            triangle: hit.triangle,
+            geometry: instance.geometry,
+            primitive: hit.primitive,
             barycentrics: hit.barycentrics,
             ray_length: hit.distance,
             footprint,
@@ -127,8 +132,7 @@ impl PreparedMaterials {
         surface.reset(point);
         let instance = &scene.instances[point.instance as usize];
         surface.end_before_horizon(instance.shadow_terminator_shading);
-        let mesh = &scene.meshes[point.mesh as usize];
-        let Some(material) = instance.material_of(mesh, point.triangle as usize) else {
+        let Some(material) = instance.material_of(scene, point.primitive as usize) else {
             // Blender's default surface.
             surface.add(Vec3::splat(0.8), Vec3::ONE, point.shading_normal, Scatter::Diffuse);
             return;
@@ -157,19 +161,29 @@ impl PreparedMaterials {
         self.textures[texture].sample(image, uv, Interpolation::Closest, Extension::Repeat, false).truncate()
     }
 
-    /// Index of the UV map with this name number in a mesh.
-    pub(super) fn uv_map(&self, mesh: u32, name: usize) -> Option<usize> {
-        self.attributes[mesh as usize].uv_maps[name]
+    fn geometry(&self, geometry: Geometry) -> &PreparedGeometry {
+        let Geometry::Mesh(index) = geometry;
+        &self.meshes[index]
     }
 
-    /// The attribute with this name number in a mesh.
-    pub(super) fn attribute(&self, mesh: u32, name: usize) -> Option<NamedAttribute> {
-        self.attributes[mesh as usize].named[name]
+    /// Lower corner and size of the box of a geometry's generated coordinates.
+    pub(super) fn bounds(&self, geometry: Geometry) -> (Vec3, Vec3) {
+        self.geometry(geometry).bounds
+    }
+
+    /// Index of the UV map with this name number in a geometry.
+    pub(super) fn uv_map(&self, geometry: Geometry, name: usize) -> Option<usize> {
+        self.geometry(geometry).attributes.uv_maps[name]
+    }
+
+    /// The attribute with this name number in a geometry.
+    pub(super) fn attribute(&self, geometry: Geometry, name: usize) -> Option<NamedAttribute> {
+        self.geometry(geometry).attributes.named[name]
     }
 
     /// Corner tangents of the UV map with this name number.
-    pub(super) fn tangents(&self, mesh: u32, name: usize) -> Option<&[Vec4]> {
-        self.attributes[mesh as usize].tangents[name].as_deref()
+    pub(super) fn tangents(&self, geometry: Geometry, name: usize) -> Option<&[Vec4]> {
+        self.geometry(geometry).attributes.tangents[name].as_deref()
     }
 
     /// Corners and their unit shading normals of the triangle that `point` is on, in world space; nothing if its mesh is
@@ -179,11 +193,11 @@ impl PreparedMaterials {
         scene: &Scene,
         point: &SurfacePoint,
     ) -> Option<([Vec3; 3], [Vec3; 3])> {
-        let mesh = &scene.meshes[point.mesh as usize];
-        let corner = 3 * point.triangle as usize;
+        let mesh = scene.mesh(point.geometry)?;
+        let corner = 3 * point.primitive as usize;
         let normals: &[Vec3; 3] = mesh.corner_normals.get(corner..corner + 3)?.try_into().ok()?;
         let world_from_object = scene.instances[point.instance as usize].world_from_object;
-        let corners = mesh.triangles[point.triangle as usize]
+        let corners = mesh.triangles[point.primitive as usize]
             .map(|vertex| world_from_object.transform_point3(mesh.positions[vertex as usize]));
         Some((corners, normals.map(|normal| self.world_normal(point.instance, normal))))
     }
@@ -200,6 +214,12 @@ impl PreparedMaterials {
     /// A unit world-space normal from an object-space one.
     pub(super) fn world_normal(&self, instance: u32, object: Vec3) -> Vec3 {
         (self.transforms[instance as usize].world_from_object_normal * object).normalize_or_zero()
+    }
+}
+
+impl PreparedGeometry {
+    fn of_mesh(mesh: &Mesh, names: &Names) -> Self {
+        Self { bounds: bounds(mesh), attributes: find_attributes(mesh, names) }
     }
 }
 

@@ -229,7 +229,7 @@ fn what_nobody_could_read_is_not_written() {
         change(&mut scene);
         write_scene(&path, &scene, &settings(), None).unwrap_err().to_string()
     };
-    assert!(refused(|scene| scene.instances[0].mesh = 9).contains("'Wall'"));
+    assert!(refused(|scene| scene.instances[0].geometry = 9.into()).contains("'Wall'"));
     assert!(refused(|scene| scene.lights[0].radiance[0] = f32::NAN).contains("not a finite number"));
     assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none());
 }
