@@ -3,12 +3,12 @@
 import bpy
 import numpy as np
 import pytest
+from vdb_file import write_vdb
 
 from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
 from helpers import add, said
-from vdb_file import write_vdb
 
 
 @pytest.fixture

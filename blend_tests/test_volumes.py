@@ -5,10 +5,10 @@ import math
 import bpy
 import numpy as np
 import pytest
+from vdb_file import write_vdb
 
 from addon.engine.reading.scene import load_scene
 from helpers import add, add_material, add_quad, exported
-from vdb_file import write_vdb
 
 pytestmark = pytest.mark.every_version
 
@@ -29,7 +29,9 @@ def volume_cube(tree, resolution=12):
     cube = tree.nodes.new("GeometryNodeVolumeCube")
     for axis in "XYZ":
         cube.inputs[f"Resolution {axis}"].default_value = resolution
-    position, dot, add_7 = (tree.nodes.new(f"{kind}") for kind in ("GeometryNodeInputPosition", "ShaderNodeVectorMath", "ShaderNodeMath"))
+    position, dot, add_7 = (
+        tree.nodes.new(f"{kind}") for kind in ("GeometryNodeInputPosition", "ShaderNodeVectorMath", "ShaderNodeMath")
+    )
     dot.operation, dot.inputs[1].default_value = "DOT_PRODUCT", (1.0, 2.0, 3.0)
     add_7.operation, add_7.inputs[1].default_value = "ADD", 7.0
     tree.links.new(position.outputs[0], dot.inputs[0])

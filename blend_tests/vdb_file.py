@@ -11,8 +11,8 @@ ALL_VALUES, BACKGROUND_ELSEWHERE = b"\x06", b"\x00"
 
 
 def write_vdb(path, grids, voxel=1.0, origin=(0.0, 0.0, 0.0)):
-    """Writes arrays [x, y, z] or [x, y, z, 3] of up to 128 voxels along each edge, by their names; voxel (0, 0, 0) lies at
-    `origin`. What is 0 is not active."""
+    """Writes arrays [x, y, z] or [x, y, z, 3] of up to 128 voxels along each edge, by their names; voxel (0, 0, 0) lies
+    at `origin`. What is 0 is not active."""
     head = struct.pack("<qIIIB", 0x56444220, 224, 11, 0, 1) + b"0" * 36 + struct.pack("<Ii", 0, len(grids))
     with open(path, "wb") as file:
         file.write(head)
@@ -40,7 +40,7 @@ def _tree(array):
     channels = array.shape[3:]
     background = np.zeros(channels, np.float32).tobytes()
     edges = [-(-size // EDGE) for size in array.shape[:3]]
-    padding = [(0, edge * EDGE - size) for edge, size in zip(edges, array.shape)]
+    padding = [(0, edge * EDGE - size) for edge, size in zip(edges, array.shape[:3], strict=True)]
     array = np.pad(array, padding + [(0, 0)] * len(channels))
     leaves = {
         index: array[tuple(slice(EDGE * i, EDGE * i + EDGE) for i in index)].reshape(EDGE**3, *channels)

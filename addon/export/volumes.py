@@ -69,7 +69,9 @@ class VolumeExporter:
         center, half = Vector(obj.data.texspace_location), Vector(obj.data.texspace_size)
         settings = {"clipping": domain.clipping, "interpolation": _interpolation(materials)}
         try:
-            added = self.builder.add_grid_arrays(obj.name, grids, tuple(center - half), tuple(center + half), **settings)
+            added = self.builder.add_grid_arrays(
+                obj.name, grids, tuple(center - half), tuple(center + half), **settings
+            )
         except ValueError as error:
             self._leave_out(obj, str(error))
             return None

@@ -97,7 +97,7 @@ class StalenessTracker:
         self._needs_scan = self._scans_all = True
 
     def mark_files(self) -> bool:
-        """Marks all files of images and volumes, which other programs may have written. Returns True if there are any."""
+        """Marks files of images and volumes, which other programs may have written. Returns True if there are any."""
         files = {key: None for key in self.present if key.startswith(("image ", "volume "))}
         if files:
             files["sequences"] = None

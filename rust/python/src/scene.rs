@@ -240,13 +240,13 @@ impl PySceneBuilder {
         let interpolation = known("interpolation", interpolation)?;
         let arrays = named_arrays("grids", Some(grids))?;
         let corners = [low, high].map(Vec3::from);
-        let dense = |(grid, array): &'_ (String, Array<'_, f32>)| {
+        let mut dense = Vec::with_capacity(arrays.len());
+        for (grid, array) in &arrays {
             let size = [array.size(2), array.size(1), array.size(0)];
             let (channels, values) = (array.size(3).max(1), array.values()?);
             let object_from_index = scene::DenseGrid::place(size, corners);
-            Ok(scene::DenseGrid { name: grid, size, channels, values, object_from_index })
-        };
-        let dense = arrays.iter().map(dense).collect::<Result<Vec<_>, NativeError>>()?;
+            dense.push(scene::DenseGrid { name: grid, size, channels, values, object_from_index });
+        }
         enter_native(py, || -> Result<_, NativeError> {
             let grids = dense.iter().map(|grid| grid.to_grid(clipping).map_err(invalid));
             let grids = grids.collect::<Result<_, _>>()?;
@@ -436,8 +436,8 @@ impl PyScene {
         };
         let positions = Array::<f32>::borrow("positions", positions)?;
         let values: Vec<Vec3> = positions.cast::<Vec3>()?.iter().map(value).collect();
-        let values = PyArray1::from_slice(py, bytemuck::cast_slice::<Vec3, f32>(&values));
-        Ok(values.reshape([values.len()? / 3, 3])?.into_any())
+        let array = PyArray1::from_slice(py, bytemuck::cast_slice::<Vec3, f32>(&values));
+        Ok(array.reshape([values.len(), 3])?.into_any())
     }
 
     /// Counts and parts as JSON, for tests and `info`.

@@ -85,8 +85,8 @@ class SceneBuilder:
         clipping: float = 0.0,
         interpolation: Literal["linear", "cubic"] = "linear",
     ) -> tuple[int, int] | None:
-        """The same of arrays [z, y, x] or [z, y, x, channels]: 3 of a colour, 4 of one that is multiplied by the fourth.
-        The voxels of each fill a box of object space."""
+        """The same of arrays [z, y, x] or [z, y, x, channels]: 3 of a colour, 4 of one that is multiplied by the
+        fourth. The voxels of each fill a box of object space."""
 
     def add_material(self, json: str) -> int:
         """A shader graph in the JSON form of `relume_scene::Material`."""

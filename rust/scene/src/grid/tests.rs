@@ -29,7 +29,7 @@ fn both_interpolations_keep_linear_functions() {
         for interpolation in [GridInterpolation::Linear, GridInterpolation::Cubic] {
             let found = grid.value(position, interpolation);
             assert!(
-                (found - linear(position)).abs().max_element() < 2e-5,
+                (found - linear(position)).abs().max_element() < 5e-5,
                 "{position} {interpolation:?} {found}"
             );
         }
@@ -43,7 +43,7 @@ fn the_cubic_one_is_a_b_spline() {
     for position in inside() {
         let expected = position.x * position.x + 1.0 / 3.0 + 40.0;
         assert!(
-            (grid.value(position, GridInterpolation::Cubic).x / expected - 1.0).abs() < 1e-6,
+            (grid.value(position, GridInterpolation::Cubic).x / expected - 1.0).abs() < 3e-6,
             "{position}"
         );
     }
@@ -67,7 +67,7 @@ fn colors_are_divided_by_their_fourth_channel_after_interpolation() {
     });
     for position in inside() {
         let color = grid.value(position, GridInterpolation::Linear);
-        assert!((color - Vec3::new(0.25, 0.5, 1.0)).abs().max_element() < 1e-6, "{position} {color}");
+        assert!((color - Vec3::new(0.25, 0.5, 1.0)).abs().max_element() < 2e-6, "{position} {color}");
     }
 }
 

@@ -1,5 +1,5 @@
-"""Writes volume_VERSION.vdb, for tests of the reader: a cube of 12 x 12 x 12 voxels with the density 7 + x + 2 y + 3 z of
-its own places from -1 to 1, turned and moved. Run it with the Python of each Blender version: .venv-4.2/bin/python"""
+"""Writes volume_VERSION.vdb, for tests of the reader: a cube of 12 x 12 x 12 voxels with the density 7 + x + 2 y + 3 z
+of its own places from -1 to 1, turned and moved. To be run by the Python of Blender 4.2 and 5.3."""
 
 from pathlib import Path
 

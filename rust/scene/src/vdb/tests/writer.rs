@@ -31,8 +31,10 @@ impl Numbers {
     }
 }
 
-/// Values of a leaf, and which of them are active, along z first.
-pub type Leaf = Vec<([f32; 3], bool)>;
+/// A value, and if it is active.
+type Voxel = ([f32; 3], bool);
+/// Values of a leaf, along z first.
+pub type Leaf = Vec<Voxel>;
 
 /// A grid as it is written.
 #[derive(Clone)]
@@ -159,7 +161,7 @@ impl TestGrid {
     }
 
     /// Values of a node behind the byte that tells of its inactive ones, as OpenVDB chooses it.
-    fn values(&self, values: &Leaf) -> Vec<u8> {
+    fn values(&self, values: &[Voxel]) -> Vec<u8> {
         let background = [self.background; 3];
         let negative = background.map(|channel| -channel);
         let mut others: Vec<[f32; 3]> = Vec::new();
@@ -195,7 +197,9 @@ impl TestGrid {
         let numbers = if self.is_half { Numbers::Half } else { self.numbers };
         let written = values.iter().filter(|(_, is_active)| kind == 6 || *is_active);
         let bytes: Vec<u8> = written
-            .flat_map(|(value, _)| value[..self.channels].iter().flat_map(|number| numbers.bytes(*number)))
+            .flat_map(|(value, _)| {
+                value[..self.channels].iter().flat_map(move |number| numbers.bytes(*number))
+            })
             .collect();
         if bytes.is_empty() && self.is_half {
             return out;
@@ -229,8 +233,8 @@ fn voxels(brick: [i32; 3]) -> impl Iterator<Item = IVec3> {
     (0..512).map(move |place| corner + IVec3::new(place >> 6, place >> 3 & 7, place & 7))
 }
 
-fn mask(values: &Leaf) -> Vec<u8> {
-    let byte = |eight: &[([f32; 3], bool)]| {
+fn mask(values: &[Voxel]) -> Vec<u8> {
+    let byte = |eight: &[Voxel]| {
         eight.iter().enumerate().map(|(bit, (_, is_on))| u8::from(*is_on) << bit).sum::<u8>()
     };
     values.chunks(8).map(byte).collect()

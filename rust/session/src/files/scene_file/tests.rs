@@ -59,7 +59,7 @@ fn scene() -> Scene {
         })
         .unwrap();
     builder.add_instance(Instance::new("Flat", flat, Affine3A::IDENTITY, vec![])).unwrap();
-    let smoke = Instance::new("Smoke", hull, Affine3A::from_translation(-3.0 * Vec3::Y), vec![material]);
+    let smoke = Instance::new("Smoke", hull, Affine3A::from_translation(50.0 * Vec3::Y), vec![material]);
     builder.add_instance(Instance { grids: Some(grids), ..smoke }).unwrap();
     let texture_from_world = Mat3::from_rotation_z(0.1);
     let world =
