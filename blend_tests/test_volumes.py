@@ -1,27 +1,21 @@
 """Volumes in the exported scene: their grids against known functions, and what is said of those that cannot be read."""
 
+import json
 import math
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 from vdb_file import write_vdb
+from volume_objects import add_file, add_nodes, smoke
 
 from addon.engine.reading.scene import load_scene
-from helpers import add, add_material, add_quad, exported
+from addon.export import scene as export_of_scenes
+from addon.export import volumes
+from helpers import add, add_quad, exported
 
 pytestmark = pytest.mark.every_version
-
-
-def add_nodes(scene, build):
-    """An object whose geometry nodes make what `build` returns the socket of."""
-    tree = bpy.data.node_groups.new("Fog", "GeometryNodeTree")
-    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    output = tree.nodes.new("NodeGroupOutput")
-    tree.links.new(build(tree), output.inputs[0])
-    obj = add(scene, "Fog", bpy.data.meshes.new("Fog"))
-    obj.modifiers.new("Nodes", "NODES").node_group = tree
-    return obj
 
 
 def volume_cube(tree, resolution=12):
@@ -40,24 +34,10 @@ def volume_cube(tree, resolution=12):
     return cube.outputs[0]
 
 
-def add_file(scene, path, name="Smoke"):
-    """A volume object of a file, with a material that asks for its grids."""
-    volume = bpy.data.volumes.new(name)
-    volume.filepath = str(path)
-    material, tree, output = add_material("Smoke")
-    shader = tree.nodes.new("ShaderNodeVolumePrincipled")
-    shader.inputs["Color Attribute"].default_value = "color"
-    tree.links.new(shader.outputs[0], output.inputs["Volume"])
-    volume.materials.append(material)
-    return add(scene, name, volume)
-
-
 def fog_of(scene, name="Fog"):
     """The exported scene, and the instance of a volume in it."""
     add_quad(scene).location.z = -3.0
     found = load_scene(scene)
-    import json
-
     summary = json.loads(found.summary())
     instance = next(each for each in summary["instances"] if each["grids"] is not None)
     return found, instance, summary["grids"][instance["grids"]]["grids"]
@@ -172,6 +152,63 @@ def test_densities_that_no_volume_has_are_0_and_named(scene, tmp_path):
     assert values[:, 0].tolist() == [0.0, 0.0, 1.0]
     [warning] = [warning for warning in found.warnings if "'Smoke'" in warning]
     assert "2 values of grid 'density' are below 0 or not finite" in warning, warning
+
+
+class FakeGrid(list):
+    """Numbers as a simulation gives them."""
+
+    def foreach_get(self, array):
+        """Copies them."""
+        array[:] = self
+
+
+def add_smoke(scene, monkeypatch, density, color):
+    """A smoke domain with arrays [x, y, z] and [x, y, z, 4] of a simulation, of which Blender's module has none."""
+    mesh = bpy.data.meshes.new("Domain")
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    mesh.from_pydata(corners, [], [(0, 1, 3, 2), (4, 6, 7, 5)])
+    mesh.materials.append(smoke(color_attribute="color")[0])
+    domain = SimpleNamespace(
+        cache_frame_start=1,
+        cache_frame_end=4,
+        clipping=1e-6,
+        use_noise=False,
+        noise_scale=2,
+        domain_resolution=density.shape,
+        density_grid=FakeGrid(density.transpose(2, 1, 0).ravel()),
+        color_grid=FakeGrid(color.transpose(2, 1, 0, 3).ravel()),
+        temperature_grid=FakeGrid(),
+    )
+    monkeypatch.setattr(volumes, "smoke_domain", lambda obj: domain if obj.name == "Domain" else None)
+    monkeypatch.setattr(export_of_scenes, "smoke_domain", volumes.smoke_domain)
+    return add(scene, "Domain", mesh), domain
+
+
+def test_smoke_fills_the_texture_space_of_its_domain(scene, monkeypatch):
+    density = np.random.default_rng(1).uniform(0.5, 2.0, (6, 5, 4))
+    shown = np.random.default_rng(2).uniform(0.1, 1.0, (6, 5, 4, 3))
+    color = np.concatenate([shown * density[..., None], density[..., None]], axis=-1)
+    add_smoke(scene, monkeypatch, density, color)
+    found, instance, grids = fog_of(scene)
+    assert sorted((grid["name"], grid["channels"]) for grid in grids) == [("color", 4), ("density", 1)]
+    voxels = np.array(list(np.ndindex(density.shape)))
+    centres = (-1.0 + (voxels + 0.5) * 2.0 / np.array(density.shape)).astype(np.float32)
+    values = found.grid_values(instance["grids"], "density", centres)
+    np.testing.assert_allclose(values[:, 0], density.ravel(), rtol=1e-4)
+    values = found.grid_values(instance["grids"], "color", centres)
+    np.testing.assert_allclose(values, shown.reshape(-1, 3), rtol=1e-4)
+
+
+def test_smoke_is_there_in_the_frames_of_its_cache(scene, monkeypatch):
+    add_quad(scene)
+    _, domain = add_smoke(scene, monkeypatch, np.ones((4, 4, 4)), np.ones((4, 4, 4, 4)))
+    for frame, is_there in ((1, True), (4, True), (5, False)):
+        scene.frame_set(frame)
+        assert bool(exported(scene)["grids"]) == is_there, frame
+    domain.density_grid.clear()
+    domain.color_grid.clear()
+    scene.frame_set(2)
+    assert not exported(scene)["grids"]
 
 
 def test_a_view_layer_without_volumes_has_none(scene, tmp_path):
