@@ -252,7 +252,7 @@ pub fn blosc(bytes: &[u8]) -> Vec<u8> {
     let shuffled: Vec<u8> =
         (0..4).flat_map(|plane| (0..values).map(move |value| bytes[4 * value + plane])).collect();
     let shuffled = [&shuffled[..], &bytes[4 * values..]].concat();
-    let is_split = bytes.len() / 4 >= 128 && bytes.len() % 4 == 0;
+    let is_split = bytes.len() >= 4 * 128 && bytes.len().is_multiple_of(4);
     let flags = 0x1 | 1 << 5 | if is_split { 0 } else { 0x10 };
     let streams: Vec<&[u8]> = if is_split { shuffled.chunks(values).collect() } else { vec![&shuffled[..]] };
     let mut body = 20_u32.to_le_bytes().to_vec();
