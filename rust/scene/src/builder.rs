@@ -2,7 +2,7 @@
 
 use crate::damage::can_be_placed;
 use crate::validate::world_fault;
-use crate::{Camera, Grid, GridSet, Instance, Light, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Camera, Curves, Grid, GridSet, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture, World};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -55,10 +55,14 @@ impl SceneBuilder {
         self.has_camera = true;
     }
 
-    /// Sets the world; its texture must have been added before.
+    /// Sets the world; its texture and the material of its volume must have been added before.
     pub fn set_world(&mut self, world: World) -> Result<(), BuildError> {
         if let Some(reason) = world_fault(&world, &self.scene.textures) {
             return Err(part("world", "World", reason));
+        }
+        let has_volume = |material: &Material| material.volume.is_some();
+        if world.volume.is_some_and(|number| !self.scene.materials.get(number).is_some_and(has_volume)) {
+            return Err(part("world", "World", "the material of its volume does not exist or has none"));
         }
         self.scene.world = world;
         Ok(())
@@ -151,6 +155,24 @@ impl SceneBuilder {
         Ok(self.scene.grids.len() - 1)
     }
 
+    /// Adds curves and returns their number.
+    pub fn add_curves(&mut self, curves: Curves) -> Result<usize, BuildError> {
+        if let Some(reason) = curves.fault() {
+            return Err(part("curves", &curves.name, reason));
+        }
+        self.scene.curves.push(curves);
+        Ok(self.scene.curves.len() - 1)
+    }
+
+    /// Adds points and returns their number.
+    pub fn add_points(&mut self, points: Points) -> Result<usize, BuildError> {
+        if let Some(reason) = points.fault() {
+            return Err(part("points", &points.name, reason));
+        }
+        self.scene.points.push(points);
+        Ok(self.scene.points.len() - 1)
+    }
+
     /// Places geometry.
     pub fn add_instance(&mut self, instance: Instance) -> Result<(), BuildError> {
         let reason = if let Some(missing) = self.scene.missing(instance.geometry) {
@@ -175,7 +197,7 @@ impl SceneBuilder {
         } else if instance.world_from_object.matrix3.determinant() == 0.0 {
             "scaled to zero; left out (apply its scale if it is only flat)"
         } else {
-            if !self.scene.is_empty(instance.geometry) {
+            if self.scene.primitive_count(instance.geometry) > 0 {
                 self.scene.instances.push(instance);
             }
             return;
@@ -196,9 +218,10 @@ impl SceneBuilder {
         }
     }
 
-    /// A scene of nothing but the world, for who needs only that.
+    /// A scene of nothing but the light of the world, for who needs only that.
     pub fn build_world(self) -> Scene {
         let Scene { world, textures, working_space, warnings, .. } = self.scene;
+        let world = World { volume: None, ..world };
         Scene { world, textures, working_space, warnings, ..Scene::default() }
     }
 
@@ -214,27 +237,33 @@ impl SceneBuilder {
     }
 }
 
-/// Node numbers must point backwards and `surface` must exist.
+/// Node numbers must point backwards, and `surface` and `volume` must exist.
 fn check_links(material: &Value) -> Result<(), String> {
     let nodes = material["nodes"].as_array().map(Vec::as_slice).unwrap_or_default();
     for (number, node) in nodes.iter().enumerate() {
         let shader = matches!(node["type"].as_str(), Some("mix_shader" | "add_shader"));
         for (socket, value) in node.as_object().into_iter().flatten() {
-            let target = match value {
-                Value::Object(link) => link.get("node"),
-                Value::Number(_) if shader && (socket == "a" || socket == "b") => Some(value),
-                _ => None,
+            let targets: Vec<&Value> = match value {
+                // A link, or a phase function with links of its own.
+                Value::Object(fields) => {
+                    let own = fields.get("node");
+                    own.into_iter().chain(fields.values().filter_map(|field| field.get("node"))).collect()
+                }
+                Value::Number(_) if shader && (socket == "a" || socket == "b") => vec![value],
+                _ => Vec::new(),
             };
-            if target.is_some_and(|target| target.as_u64().is_none_or(|target| target >= number as u64)) {
+            if targets.iter().any(|target| target.as_u64().is_none_or(|target| target >= number as u64)) {
                 return Err(format!("node {number} has a link at '{socket}' that does not point backwards"));
             }
         }
     }
-    match &material["surface"] {
-        Value::Null => Ok(()),
-        surface if surface.as_u64().is_some_and(|node| node < nodes.len() as u64) => Ok(()),
-        _ => Err("its surface node does not exist".into()),
+    for root in ["surface", "volume"] {
+        let node = &material[root];
+        if !node.is_null() && node.as_u64().is_none_or(|node| node >= nodes.len() as u64) {
+            return Err(format!("its {root} node does not exist"));
+        }
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -275,6 +304,17 @@ mod tests {
         for (color, surface) in [(r#"{"node": 1, "output": "normal"}"#, "1"), ("[1, 1, 1]", "2")] {
             let error = builder.add_material_json(&material(color, surface)).unwrap_err();
             assert!(error.to_string().contains("'M'"), "{error}");
+        }
+        let fog = |anisotropy: u32, volume: u32| {
+            format!(
+                r#"{{"name": "M", "nodes": [{{"type": "geometry"}}, {{"type": "volume_scatter", "color": 1.0,
+                    "density": 1.0, "phase": {{"type": "henyey_greenstein", "anisotropy":
+                    {{"node": {anisotropy}, "output": "position"}}}}}}], "surface": null, "volume": {volume}}}"#
+            )
+        };
+        assert!(builder.add_material_json(&fog(0, 1)).is_ok());
+        for (anisotropy, volume) in [(1, 1), (0, 2)] {
+            assert!(builder.add_material_json(&fog(anisotropy, volume)).is_err());
         }
         let mix = r#"{"name": "M", "nodes": [{"type": "add_shader", "a": 0, "b": null}], "surface": 0}"#;
         assert!(builder.add_material_json(mix).is_err());

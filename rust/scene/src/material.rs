@@ -1,4 +1,4 @@
-//! Shader graphs: Blender's nodes that decide how a surface scatters, in topological order.
+//! Shader graphs: Blender's nodes that decide how a surface or medium scatters, in topological order.
 //!
 //! The exporter flattens groups and reroutes, folds constants, bakes ramps and curves to tables, and names what it
 //! could not translate in [`crate::Scene::warnings`]. A graph is evaluated front to back for each hit.
@@ -8,15 +8,35 @@ use crate::Node;
 /// Index into [`Material::nodes`]; a node refers only to nodes before it.
 pub type NodeId = u32;
 
-/// A surface shader.
+/// A shader of surfaces and of what is inside of them.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Material {
     /// Blender material name.
     pub name: String,
     /// Nodes; links point backwards only.
     pub nodes: Vec<Node>,
-    /// The closure node that is the surface; nothing is a black absorber.
+    /// The closure node that is the surface; nothing is a black absorber, or seen through where there is a `volume`.
     pub surface: Option<NodeId>,
+    /// The closure node of the medium that fills the inside of closed meshes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub volume: Option<NodeId>,
+}
+
+impl Material {
+    /// True if rays go straight through its surface, of which only the inside counts.
+    pub fn is_hull(&self) -> bool {
+        self.surface.is_none() && self.volume.is_some()
+    }
+}
+
+impl Material {
+    /// True if light may enter in one place and leave in another.
+    pub fn has_subsurface(&self) -> bool {
+        self.nodes.iter().any(|node| match node {
+            Node::Principled { subsurface, .. } => subsurface.is_some(),
+            node => matches!(node, Node::SubsurfaceScattering { .. }),
+        })
+    }
 }
 
 /// An input socket: a value or a link. In JSON: `0.5`, `[r, g, b]` or `{"node": 3, "output": "color"}`.
@@ -37,7 +57,7 @@ pub enum Input {
     },
 }
 
-/// Output sockets of value nodes.
+/// Output sockets of value nodes. Those of strands and points are Hair Info's and Point Info's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the socket names of Blender's nodes")]
@@ -64,4 +84,13 @@ pub enum Output {
     Factor,
     Distance,
     Radius,
+    IsStrand,
+    Intercept,
+    Length,
+    Thickness,
+    TangentNormal,
+    StrandRandom,
+    PointPosition,
+    PointRadius,
+    PointRandom,
 }

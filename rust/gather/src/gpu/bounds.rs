@@ -153,11 +153,13 @@ fn boxes_meet(start: &Aabb, end: &Aabb, center: Vec3, extent: Vec3) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use relume_dump::Flags;
+
     use super::*;
     use crate::Gather;
     use crate::gpu::sort::{BLOCK, PixelGroup};
     use crate::light::Profile;
-    use crate::tests::kernels::{random_dump_of, random_lights};
+    use crate::tests::kernels::{random_lights, random_rays_of};
 
     #[test]
     fn bounds_have_the_layout_of_their_wgsl_twin() {
@@ -166,7 +168,7 @@ mod tests {
 
     #[test]
     fn a_block_that_no_light_touches_has_no_segment_that_crosses_it() {
-        let gather = Gather::new(random_dump_of(16, &[5, 9]));
+        let gather = Gather::new(random_rays_of(16, &[5, 9]));
         let (dump, frame) = (gather.dump(), BoundsFrame::new(gather.dump()));
         let lights = gather.prepare_all(&random_lights()).unwrap();
         let (mut touched, mut untouched, mut crossed) = (0, 0, 0);
@@ -182,7 +184,8 @@ mod tests {
                             decode_words(words, shards[(words[3] >> 24 & 127) as usize]);
                         light.profile.evaluate(start, edge, escapes) > 0.0
                     };
-                    let crosses = words.iter().filter(|words| words[1] >> 18 & 7 != 7).any(crosses);
+                    let is_segment = |words: &&[u32; 4]| flags(words[1]).lobe().is_some();
+                    let crosses = words.iter().filter(is_segment).any(crosses);
                     assert!(may || !crosses, "{light:?} {bounds:?}");
                     if matches!(light.profile, Profile::Sheared(_)) {
                         continue;
@@ -196,12 +199,16 @@ mod tests {
         assert!(untouched > touched / 4 && crossed > touched / 4, "{touched} {untouched} {crossed}");
     }
 
+    fn flags(z_flags: u32) -> Flags {
+        Flags((z_flags >> 16) as u16)
+    }
+
     /// Start, edge, and whether it escapes.
     fn decode_words(words: [u32; 4], shard: &relume_dump::Shard) -> (Vec3, Vec3, bool) {
         let position = |xy: u32, z: u32| shard.grid().decode([xy as u16, (xy >> 16) as u16, z as u16]);
-        let starts_path = words[1] >> 16 & 1 != 0;
-        let start = if starts_path { shard.camera_position() } else { position(words[2], words[3]) };
-        match words[1] >> 17 & 1 != 0 {
+        let (camera, flags) = (shard.camera_position(), flags(words[1]));
+        let start = if flags.starts_at_camera() { camera } else { position(words[2], words[3]) };
+        match flags.escaped() {
             true => (start, relume_dump::decode_direction(words[0]) * FAR, true),
             false => (start, position(words[0], words[1]) - start, false),
         }

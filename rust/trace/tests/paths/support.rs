@@ -2,7 +2,7 @@
 
 use relume_dump::{AovSample, Pass, Segment};
 use relume_scene::{
-    Camera, Input, Instance, Material, Mesh, Node, Scene,
+    Camera, Input, Instance, Light, LightShape, LobeFactors, Material, Mesh, Node, Scene,
     glam::{Affine3A, Quat, Vec2, Vec3},
 };
 use relume_trace::{PathScratch, PathSink, TraceSettings, Tracer};
@@ -12,6 +12,8 @@ use relume_trace::{PathScratch, PathSink, TraceSettings, Tracer};
 pub struct Path {
     pub start: Option<Vec3>,
     pub segments: Vec<Segment>,
+    /// Vertices that it went to inside a body, each with the number of segments before.
+    pub moves: Vec<(usize, Vec3)>,
     pub aovs: AovSample,
 }
 
@@ -20,11 +22,17 @@ pub struct Recorder(pub Vec<Path>);
 
 impl PathSink for Recorder {
     fn begin_path(&mut self, camera_vertex: Option<Vec3>) {
-        self.0.push(Path { start: camera_vertex, segments: Vec::new(), aovs: AovSample::default() });
+        let (segments, moves) = (Vec::new(), Vec::new());
+        self.0.push(Path { start: camera_vertex, segments, moves, aovs: AovSample::default() });
     }
 
     fn push(&mut self, segment: Segment) {
         self.0.last_mut().unwrap().segments.push(segment);
+    }
+
+    fn move_to(&mut self, vertex: Vec3) {
+        let path = self.0.last_mut().unwrap();
+        path.moves.push((path.segments.len(), vertex));
     }
 
     fn end_path(&mut self, aovs: AovSample) {
@@ -62,7 +70,7 @@ pub fn assert_close(found: Vec3, expected: f32, share: f32, what: &str) {
 }
 
 pub fn material(node: Node) -> Material {
-    Material { name: "test".into(), nodes: vec![node], surface: Some(0) }
+    Material { name: "test".into(), nodes: vec![node], surface: Some(0), ..Material::default() }
 }
 
 pub fn diffuse(albedo: f32) -> Material {
@@ -139,5 +147,16 @@ pub fn look_at_origin(position: Vec3, size: usize, window: f32) -> Camera {
         window_min: Vec2::splat(-0.5 * window),
         window_max: Vec2::splat(0.5 * window),
         ..Camera::default()
+    }
+}
+
+/// A sphere light of radiance 1.
+pub fn sphere_light(center: Vec3, radius: f32) -> Light {
+    Light {
+        name: "light".into(),
+        shape: LightShape::Sphere { center, radius },
+        radiance: [1.0; 3],
+        lobes: LobeFactors::default(),
+        receivers: None,
     }
 }
