@@ -78,7 +78,7 @@ def test_undo_is_looked_at_in_every_scene(baked, tmp_path):
 
 def test_kinds_of_a_newer_relume_are_left_out(tmp_path):
     content = {"format": record.FORMAT, "version": record.VERSION, "camera": "C", "receivers": []}
-    text = json.dumps(content | {"prints": {"volume Fog": {"grid": "1"}, "film": {"size": "4 x 4"}}})
+    text = json.dumps(content | {"prints": {"splat Fog": {"cloud": "1"}, "film": {"size": "4 x 4"}}})
     (tmp_path / record.FILE).write_text(text)
     assert record.read(tmp_path).fingerprints == {"film": {"size": "4 x 4"}}
 

@@ -21,16 +21,16 @@ from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
 from .points import PointsExporter
+from .volumes import VolumeExporter, density_factor, smoke_domain
 from .world import Space, WorldRenderError, export_world, world_of
 from .world_graph import WorldGraph
 
 UNSUPPORTED_TYPES = {
-    "VOLUME": "volumes",
     "GREASEPENCIL": "grease pencil",
     "GPENCIL": "grease pencil",
 }
 """Types of objects that are not exported, in words. Geometry that nodes add to a mesh may appear as objects of them."""
-FILTERS = {"VOLUME": "use_volumes", "GREASEPENCIL": "use_grease_pencil"}
+FILTERS = {"GREASEPENCIL": "use_grease_pencil"}
 """Switches of a view layer that leave such objects out of every picture."""
 
 
@@ -108,6 +108,8 @@ class _Placed(NamedTuple):
     """Names of attributes that materials can read."""
     material_slot: int = 0
     """Slot of the material of all of it, unless it is a mesh."""
+    grids: int | None = None
+    """Number of the grids of a volume, whose mesh is a box around them."""
 
 
 class _SceneExporter:
@@ -135,6 +137,7 @@ class _SceneExporter:
         self.geometry = GeometryExporter(builder, names)
         self.curves = CurvesExporter(builder, depsgraph.scene, names)
         self.points = PointsExporter(builder, names)
+        self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, str, int], _Shared] = {}
@@ -154,6 +157,8 @@ class _SceneExporter:
                 self._warn_about_type(obj)
             if obj.type == "LIGHT":
                 self.lights.export(obj, _owner(instance), instance.matrix_world, self.camera)
+            elif obj.type == "VOLUME" or (obj.type == "MESH" and not instance.is_instance and smoke_domain(obj)):
+                self._export_volume(instance)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
                 number = self.geometry.mesh_number(obj)
                 if number is not None:
@@ -175,7 +180,17 @@ class _SceneExporter:
     def _export_strands(self, instance: bpy.types.DepsgraphObjectInstance, strands: Strands) -> None:
         self._place(instance, _Placed("curves", strands.number, strands.attributes, strands.material_slot))
 
-    def _place(self, instance: bpy.types.DepsgraphObjectInstance, placed: _Placed) -> None:
+    def _export_volume(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
+        """Grids of a volume, in a box that its material fills."""
+        obj = instance.object
+        if not self.view_layer.use_volumes:
+            return
+        export = self.volumes.of_object if obj.type == "VOLUME" else self.volumes.of_domain
+        if volume := export(obj, self._slots(obj)):
+            factor = density_factor(obj, instance.matrix_world)
+            self._place(instance, _Placed("mesh", volume.mesh, set(), grids=volume.grids), density_factor=factor)
+
+    def _place(self, instance: bpy.types.DepsgraphObjectInstance, placed: _Placed, **medium: float) -> None:
         obj = instance.object
         owner = _owner(instance).original
         key = obj.original.session_uid, owner.session_uid, placed.kind, placed.number
@@ -188,8 +203,10 @@ class _SceneExporter:
             [tuple(row) for row in instance.matrix_world],
             shared.materials,
             kind=placed.kind,
+            grids=placed.grids,
             random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(shared.name),
             **shared.settings,
+            **medium,
         )
 
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed) -> _Shared:
@@ -201,8 +218,10 @@ class _SceneExporter:
             materials = materials[min(placed.material_slot, len(materials) - 1) :][:1]
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
-        self._warn_about_attributes(obj, placed, materials)
-        if placed.kind == "mesh" and self.materials.filled.intersection(materials) and is_open(obj.data):
+        if placed.grids is None:
+            self._warn_about_attributes(obj, placed, materials)
+        is_mesh = placed.kind == "mesh" and placed.grids is None
+        if is_mesh and self.materials.filled.intersection(materials) and is_open(obj.data):
             self.builder.warn(f"object '{obj.name}': its mesh is open; rays that pass the hole miss or keep its volume")
         settings = {
             "receiver": self.linking.receiver_number(obj.original, owner),
@@ -216,12 +235,12 @@ class _SceneExporter:
         return _Shared(obj.name, materials, settings)
 
     def _materials(self, obj: bpy.types.Object) -> list[int]:
+        return [self.materials.number(material, obj.name) for material in self._slots(obj)]
+
+    def _slots(self, obj: bpy.types.Object) -> list[bpy.types.Material | None]:
+        """Materials of an evaluated object: it has a slot for each of its mesh."""
         override = self.view_layer.material_override
-        if override is not None:
-            return [self.materials.number(override, obj.name)]
-        # Evaluated, an object has a slot for each material of its mesh.
-        slots = [slot.material for slot in obj.material_slots]
-        return [self.materials.number(material, obj.name) for material in slots or [None]]
+        return [override] if override is not None else [slot.material for slot in obj.material_slots] or [None]
 
     def _visibility(self, obj: bpy.types.Object, owner: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
         """Visibility to camera, diffuse, glossy and transmitted rays: those see it that see its owner too."""

@@ -2,9 +2,9 @@
 
 They see transforms, data and its attributes, modifiers with all that they read (objects that no render shows, groups of
 geometry nodes, textures), particle settings, poses, material and world nodes, visibility of objects and collections,
-objects of instanced collections, camera and render settings, and size and time of image files, of sequences those that
-are shown in the frame. They do not see simulation caches, combed hair, multiresolution sculpting, and files other than
-images."""
+objects of instanced collections, camera and render settings, and size and time of files of images and volumes, of
+sequences those that are shown in the frame. Of smoke they see the frame, and not what its simulation left there; nor do
+they see other simulation caches, combed hair, multiresolution sculpting, and other files."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ from ...core.diff import Fingerprint, color_text
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
 from ...export.curves import strand_shape
-from ...export.images import frame_of, path_of, tile_path
+from ...export.images import frame_of, numbered_path, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
 from ...export.materials import MaterialExporter
 from ...export.materials.graph import has_volume, used_tree
 from ...export.plain import plain
 from ...export.scene import shadow_terminator
 from ...export.view_layer import render_layer
+from ...export.volumes import smoke_domain
 from ...export.working_space import working_space
 from ...export.world import export_world, world_of
 from ...export.world_graph import WorldGraph
@@ -255,9 +256,10 @@ def _modifier(modifier: bpy.types.Modifier) -> list:
 
 
 def _modifier_details(modifier: bpy.types.Modifier) -> list:
+    domain = getattr(modifier, "domain_settings", None)
     projectors = [projector.object and projector.object.name_full for projector in getattr(modifier, "projectors", ())]
     system = values(modifier.particle_system) if modifier.type == "PARTICLE_SYSTEM" else []
-    return [drawn_curves(modifier), projectors, system]
+    return [drawn_curves(modifier), projectors, system, *([values(domain)] if domain else [])]
 
 
 def _material(material: bpy.types.Material) -> Fingerprint:
@@ -300,6 +302,21 @@ def _image(image: bpy.types.Image) -> Fingerprint | None:
     path = bpy.path.abspath(image.filepath, library=image.library)
     paths = [tile_path(path, tile.number) for tile in image.tiles] if image.source == "TILED" else [path]
     return {"file": hashed([_stamp(found) for found in paths])}
+
+
+def _volume(volume: bpy.types.Volume) -> Fingerprint:
+    """Fingerprint of a volume and the file behind it, which is that of the frame where they are a sequence."""
+    path = bpy.path.abspath(volume.filepath, library=volume.library)
+    if volume.is_sequence:
+        path = numbered_path(path, volume.grids.frame)
+    settings = [values(volume), values(volume.render), volume.is_sequence]
+    return {"settings": hashed(settings), "file": hashed([path, _stamp(path)])}
+
+
+def _smoke(scene: bpy.types.Scene) -> Fingerprint:
+    """The frame, where a smoke domain shows another picture in each. Costs next to nothing without any."""
+    shown = [obj.name_full for obj in scene.objects if obj.modifiers and _counts(obj) and smoke_domain(obj)]
+    return {name: f"frame {scene.frame_current}" for name in shown}
 
 
 def _sequences(scene: bpy.types.Scene) -> Fingerprint:
@@ -348,6 +365,7 @@ def _settings(scene: bpy.types.Scene) -> Fingerprint:
     return {
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
+        "volumes": str(render_layer(scene).use_volumes),
         "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
     }
@@ -456,6 +474,7 @@ ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Fingerprint | None]] = {
     "world": world,
     "space": _space,
     "sequences": _sequences,
+    "smoke": _smoke,
 }
 
 
@@ -474,6 +493,7 @@ BLOCKS = {
     "collection": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _collection)),
     "instanced": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _instanced_fingerprint)),
     "nodes": _Block(bpy.types.GeometryNodeTree, "node_groups", _group),
+    "volume": _Block(bpy.types.Volume, "volumes", partial(_in_one_step, _volume)),
     "texture": _Block(bpy.types.Texture, "textures", partial(_in_one_step, _texture)),
     "particles": _Block(bpy.types.ParticleSettings, "particles", partial(_in_one_step, _particles)),
 }

@@ -170,7 +170,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, density_factor=1.0))]
+        visible_volume_scatter=true, density_factor=1.0, grids=None))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -188,6 +188,7 @@ impl PySceneBuilder {
         visibility: [bool; 4],
         visible_volume_scatter: bool,
         density_factor: f32,
+        grids: Option<usize>,
     ) -> PyResult<()> {
         let geometry = match kind {
             "mesh" => scene::Geometry::Mesh(geometry),
@@ -207,6 +208,7 @@ impl PySceneBuilder {
             visible_diffuse,
             visible_glossy,
             visible_transmission,
+            grids,
             visible_volume_scatter,
             density_factor,
             ..scene::Instance::new(name, geometry, affine_from_rows(world_from_object), materials)
@@ -269,6 +271,57 @@ impl PySceneBuilder {
             };
             let texture = picture.ok().map(|picture| picture.into_texture(name.into(), colors, alpha, turn));
             Ok(texture.map(|texture| self.builder.add_texture(texture)).transpose()?)
+        })
+    }
+
+    #[pyo3(signature = (name, path, wanted, *, clipping=0.0, interpolation="linear"))]
+    fn add_grid_file(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        path: PathBuf,
+        wanted: Vec<String>,
+        clipping: f32,
+        interpolation: &str,
+    ) -> PyResult<Option<(usize, usize)>> {
+        let interpolation = known("interpolation", interpolation)?;
+        enter_native(py, || -> Result<_, NativeError> {
+            let bytes = std::fs::read(&path).map_err(|error| invalid(error.to_string()))?;
+            let read = scene::GridSet::from_vdb(name, &bytes, &wanted, clipping, interpolation);
+            let (set, refused) = read.map_err(invalid)?;
+            for reason in refused {
+                self.builder.warn(format!("object '{name}': {reason}; left out"));
+            }
+            Ok(self.builder.add_grids(set)?)
+        })
+    }
+
+    #[pyo3(signature = (name, grids, low, high, *, clipping=0.0, interpolation="linear"))]
+    fn add_grid_arrays(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        grids: &Bound<'_, PyDict>,
+        low: [f32; 3],
+        high: [f32; 3],
+        clipping: f32,
+        interpolation: &str,
+    ) -> PyResult<Option<(usize, usize)>> {
+        let interpolation = known("interpolation", interpolation)?;
+        let arrays = named_arrays("grids", Some(grids))?;
+        let corners = [low, high].map(Vec3::from);
+        let mut dense = Vec::with_capacity(arrays.len());
+        for (grid, array) in &arrays {
+            let size = [array.size(2), array.size(1), array.size(0)];
+            let (channels, values) = (array.size(3).max(1), array.values()?);
+            let object_from_index = scene::DenseGrid::place(size, corners);
+            dense.push(scene::DenseGrid { name: grid, size, channels, values, object_from_index });
+        }
+        enter_native(py, || -> Result<_, NativeError> {
+            let grids = dense.iter().map(|grid| grid.to_grid(clipping).map_err(invalid));
+            let grids = grids.collect::<Result<_, _>>()?;
+            let set = scene::GridSet { name: name.to_owned(), interpolation, grids };
+            Ok(self.builder.add_grids(set)?)
         })
     }
 
@@ -437,6 +490,28 @@ impl PyScene {
         })
     }
 
+    /// Values of a grid at positions in object space [N, 3], as [N, 3].
+    fn grid_values<'py>(
+        &self,
+        py: Python<'py>,
+        grids: usize,
+        name: &str,
+        positions: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let grid = self.scene.grids.get(grids).and_then(|set| set.get(name));
+        let grid = grid.ok_or_else(|| invalid("there is no grid of that number and name"))?;
+        let interpolation = self.scene.grids[grids].interpolation;
+        let index_from_object = grid.object_from_index.inverse();
+        let value = |position: &Vec3| {
+            let position = index_from_object.transform_point3(*position);
+            grid.value(position, interpolation)
+        };
+        let positions = Array::<f32>::borrow("positions", positions)?;
+        let values: Vec<Vec3> = positions.cast::<Vec3>()?.iter().map(value).collect();
+        let array = PyArray1::from_slice(py, bytemuck::cast_slice::<Vec3, f32>(&values));
+        Ok(array.reshape([values.len(), 3])?.into_any())
+    }
+
     /// Counts and parts as JSON, for tests and `info`.
     fn summary(&self, py: Python<'_>) -> PyResult<String> {
         enter_native(py, || serde_json::to_string(&summary(&self.scene)))
@@ -498,7 +573,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
         })).collect::<Vec<_>>(),
         "instances": scene.instances.iter().map(|i| serde_json::json!({
             "name": i.name, "mesh": match i.geometry { scene::Geometry::Mesh(index) => Some(index), _ => None }, "geometry": i.geometry, "materials": i.materials, "receiver": i.receiver,
-            "world_from_object": i.world_from_object, "color": i.color, "pass_index": i.pass_index,
+            "world_from_object": i.world_from_object, "color": i.color, "pass_index": i.pass_index, "grids": i.grids,
             "random": i.random, "shadow_terminator_offset": i.shadow_terminator_offset,
             "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
@@ -518,6 +593,12 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
         "textures": scene.textures.iter().map(|t| serde_json::json!({
             "name": t.name, "width": t.width, "height": t.height, "encoding": t.encoding, "alpha": t.alpha,
             "float": matches!(t.texels, scene::Texels::Float(_)),
+        })).collect::<Vec<_>>(),
+        "grids": scene.grids.iter().map(|set| serde_json::json!({
+            "name": set.name, "interpolation": set.interpolation,
+            "grids": set.grids.iter().map(|grid| serde_json::json!({"name": grid.name, "channels": grid.channels,
+                "object_from_index": grid.object_from_index, "active": grid.active,
+            })).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "world": {"color": scene.world.color, "texture": scene.world.texture,
             "texture_from_world": scene.world.texture_from_world, "visible_camera": scene.world.visible_camera,

@@ -2,7 +2,7 @@
 
 use crate::damage::can_be_placed;
 use crate::validate::world_fault;
-use crate::{Camera, Curves, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture, World};
+use crate::{Camera, Curves, Grid, GridSet, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture, World};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -133,6 +133,28 @@ impl SceneBuilder {
         Err(part("mesh", &mesh.name, reason))
     }
 
+    /// Adds the grids of a volume and the mesh of a box around their active voxels, and returns the numbers of both; none if no voxel
+    /// is active, since nothing is to be seen then. Values that no volume has become 0, and are named in a warning: those that are not
+    /// finite, and densities below 0.
+    pub fn add_grids(&mut self, mut set: GridSet) -> Result<Option<(usize, usize)>, BuildError> {
+        for damage in set.grids.iter_mut().filter_map(Grid::heal) {
+            self.warn(format!("object '{}': {damage}", set.name));
+        }
+        let Some(hull) = set.hull() else { return Ok(None) };
+        let mesh = Mesh::cuboid(&set.name, hull);
+        let grids = self.add_grid_set(set)?;
+        Ok(Some((grids, self.add_mesh(mesh)?)))
+    }
+
+    /// Adds sound grids whose mesh is there already, and returns their number.
+    pub fn add_grid_set(&mut self, set: GridSet) -> Result<usize, BuildError> {
+        if let Some(fault) = set.grids.iter().find_map(Grid::fault) {
+            return Err(part("volume", &set.name, fault));
+        }
+        self.scene.grids.push(set);
+        Ok(self.scene.grids.len() - 1)
+    }
+
     /// Adds curves and returns their number.
     pub fn add_curves(&mut self, curves: Curves) -> Result<usize, BuildError> {
         if let Some(reason) = curves.fault() {
@@ -159,6 +181,8 @@ impl SceneBuilder {
             "its material does not exist"
         } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
             "its receiver number is above 2047"
+        } else if instance.grids.is_some_and(|grids| grids >= self.scene.grids.len()) {
+            "its grids do not exist"
         } else {
             self.place(instance);
             return Ok(());
@@ -312,6 +336,11 @@ mod tests {
         assert!(builder.add_mesh(mesh).unwrap_err().to_string().contains("'Tri'"));
         let nowhere = Instance::new("Object", 4, Affine3A::IDENTITY, vec![]);
         assert!(builder.add_instance(nowhere).unwrap_err().to_string().contains("'Object'"));
+        let mesh = builder.add_mesh(triangle()).unwrap();
+        let hollow = Instance { grids: Some(0), ..Instance::new("Fog", mesh, Affine3A::IDENTITY, vec![]) };
+        assert!(
+            builder.add_instance(hollow).unwrap_err().to_string().contains("'Fog': its grids do not exist")
+        );
     }
 
     #[test]
@@ -348,5 +377,44 @@ mod tests {
         );
         builder.set_camera(Camera::default());
         assert_eq!(builder.build().unwrap_err(), BuildError::Empty);
+    }
+
+    /// Voxels of a row along x, 0.5 m apart.
+    fn row(name: &str, values: &[f32]) -> crate::Grid {
+        let object_from_index = Affine3A::from_scale(Vec3::splat(0.5));
+        let size = [values.len(), 1, 1];
+        crate::DenseGrid { name, size, channels: 1, values, object_from_index }.to_grid(0.0).unwrap()
+    }
+
+    #[test]
+    fn a_volume_is_a_box_around_its_active_voxels() {
+        let mut builder = SceneBuilder::default();
+        let grids = vec![row("density", &[0.0, 0.0, 1.0, 2.0]), row("heat", &[0.0, 0.0, 0.0, 0.0, 3.0])];
+        let set = |grids| GridSet { name: "Smoke".into(), grids, ..GridSet::default() };
+        let (number, mesh) = builder.add_grids(set(grids)).unwrap().unwrap();
+        let Mesh { positions, triangles, .. } = &builder.scene.meshes[mesh];
+        let low = positions.iter().copied().reduce(Vec3::min).unwrap();
+        let high = positions.iter().copied().reduce(Vec3::max).unwrap();
+        assert_eq!((low, high), (Vec3::new(0.5, -0.5, -0.5), Vec3::new(2.5, 0.5, 0.5)));
+        // By the divergence theorem, faces that all look outwards enclose the volume of the box.
+        let corner = |corner: u32| positions[corner as usize];
+        let sixth = |t: &[u32; 3]| corner(t[0]).dot(corner(t[1]).cross(corner(t[2])));
+        assert!((triangles.iter().map(sixth).sum::<f32>() / 6.0 - 2.0).abs() < 1e-6);
+        let inside =
+            Instance { grids: Some(number), ..Instance::new("Smoke", mesh, Affine3A::IDENTITY, vec![]) };
+        assert_eq!(builder.add_instance(inside), Ok(()));
+        assert_eq!(builder.add_grids(set(vec![row("density", &[0.0; 4])])), Ok(None));
+    }
+
+    #[test]
+    fn densities_that_no_volume_has_are_0_and_named_once() {
+        let mut builder = SceneBuilder::default();
+        let grids = vec![row("density", &[f32::NAN, -2.0, 3.0]), row("distance", &[-1.0, 2.0])];
+        builder.add_grids(GridSet { name: "Smoke".into(), grids, ..GridSet::default() }).unwrap();
+        assert_eq!(builder.scene.grids[0].grids[0].value(Vec3::X, Default::default()), Vec3::ZERO);
+        assert_eq!(builder.scene.grids[0].grids[1].value(Vec3::ZERO, Default::default()), Vec3::NEG_ONE);
+        let warning =
+            "object 'Smoke': 2 values of grid 'density' are below 0 or not finite numbers; taken as 0";
+        assert_eq!(builder.scene.warnings, [warning]);
     }
 }

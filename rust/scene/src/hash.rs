@@ -4,10 +4,7 @@ use blake3::Hasher;
 use bytemuck::cast_slice;
 use serde::Serialize;
 
-use crate::{
-    Camera, ColorAttribute, Curves, Geometry, Instance, Material, Mesh, Node, Points, Scene, Texels, Texture,
-    UvMap, World,
-};
+use crate::{Camera, ColorAttribute, Curves, Geometry, Grid, Instance, Material, Mesh, Node, Points, Scene, Texels, Texture, UvMap, World};
 
 impl Scene {
     /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world but for its volume, and
@@ -24,6 +21,10 @@ impl Scene {
         self.curves.iter().for_each(|curves| hash_curves(&mut hasher, curves));
         self.points.iter().for_each(|points| hash_points(&mut hasher, points));
         self.instances.iter().for_each(|instance| hash_instance(&mut hasher, instance));
+        for set in &self.grids {
+            json(&mut hasher, &(set.interpolation, set.grids.len()));
+            set.grids.iter().for_each(|grid| hash_grid(&mut hasher, grid));
+        }
         if let Some(volume) = self.world.volume {
             json(&mut hasher, &(volume, self.world.receiver));
         }
@@ -156,6 +157,15 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if (instance.visible_volume_scatter, instance.density_factor) != (true, 1.0) {
         json(hasher, &(instance.visible_volume_scatter, instance.density_factor));
     }
+    if let Some(grids) = instance.grids {
+        json(hasher, &("grids", grids));
+    }
+}
+
+fn hash_grid(hasher: &mut Hasher, grid: &Grid) {
+    json(hasher, &(&grid.name, grid.channels, grid.object_from_index, grid.bricks, grid.active));
+    bytes(hasher, cast_slice(&grid.slots));
+    bytes(hasher, cast_slice(&grid.values));
 }
 
 fn hash_texture(hasher: &mut Hasher, texture: &Texture) {
@@ -171,19 +181,27 @@ mod tests {
     use glam::{Affine3A, Vec3};
 
     use super::*;
-    use crate::{Light, LightShape, LobeFactors};
+    use crate::{DenseGrid, GridInterpolation, GridSet, Light, LightShape, LobeFactors};
 
     fn scene() -> Scene {
         Scene {
             meshes: vec![Mesh { positions: vec![Vec3::ONE], ..Mesh::default() }],
             instances: vec![Instance::new("a", 0, Affine3A::IDENTITY, vec![0])],
+            grids: vec![GridSet { name: "Smoke".into(), grids: vec![grid()], ..GridSet::default() }],
             ..Scene::default()
         }
     }
 
+    fn grid() -> Grid {
+        let (name, object_from_index) = ("density", Affine3A::IDENTITY);
+        DenseGrid { name, size: [2; 3], channels: 1, values: &[1.0; 8], object_from_index }
+            .to_grid(0.0)
+            .unwrap()
+    }
+
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 11] = [
+        let changes: [fn(&mut Scene); 15] = [
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].density_factor = 0.5,
             |scene| scene.world.volume = Some(0),
@@ -195,6 +213,10 @@ mod tests {
             |scene| scene.materials.push(Material::default()),
             |scene| scene.meshes[0].corner_normals.push(Vec3::ONE),
             |scene| scene.meshes[0].texture_space = Some([Vec3::ZERO, Vec3::ONE]),
+            |scene| scene.instances[0].grids = Some(0),
+            |scene| scene.grids[0].grids[0].values[7] = 0.5,
+            |scene| scene.grids[0].grids[0].name = "heat".into(),
+            |scene| scene.grids[0].interpolation = GridInterpolation::Cubic,
         ];
         let mut hashes: Vec<String> = vec![scene().hash()];
         for change in changes {

@@ -11,6 +11,7 @@ mod camera;
 mod curves;
 mod damage;
 mod geometry;
+mod grid;
 mod hair;
 mod hash;
 mod light;
@@ -29,6 +30,7 @@ mod sockets;
 mod subsurface;
 mod texture;
 mod validate;
+mod vdb;
 mod world;
 
 pub use blender_camera::{BlenderCamera, BlenderDepthOfField, CameraError, SensorFit};
@@ -40,6 +42,7 @@ pub use camera::{Camera, DepthOfField, Projection};
 pub use curves::{Curves, StrandLengths, StrandShape};
 pub use geometry::Geometry;
 pub use glam;
+pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};
 pub use hair::{HairComponent, HairModel, HairPigment, PrincipledHair};
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
@@ -62,6 +65,7 @@ pub use procedural::{
 pub use subsurface::{AlbedoInversion, Subsurface, SubsurfaceMethod, SubsurfaceModel};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::{MOST_RADIANCE, SceneFault};
+pub use vdb::VdbFile;
 pub use world::World;
 
 /// Everything that the tracer needs, and the lights that the file came with.
@@ -81,6 +85,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Images, referred to by [`Node::ImageTexture`] and [`World`].
     pub textures: Vec<Texture>,
+    /// What fills volumes, referred to by [`Instance::grids`].
+    pub grids: Vec<GridSet>,
     /// World that rays see which leave the scene.
     pub world: World,
     /// The lights of the file. They are no part of what is traced; the tracer only looks more often to where they stand.

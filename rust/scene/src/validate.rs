@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::{Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Geometry, Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -8,7 +8,7 @@ pub const MOST_RADIANCE: f32 = 1e30;
 /// Something that makes a scene untraceable: which part, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct SceneFault {
-    /// Kind of the part: `"mesh"`, `"curves"`, `"points"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
+    /// Kind of the part: `"mesh"`, `"curves"`, `"points"`, `"volume"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
     pub part: &'static str,
     /// Name of the part.
     pub name: String,
@@ -51,6 +51,9 @@ impl Scene {
         }
         for instance in &self.instances {
             check("object", &instance.name, self.instance_fault(instance));
+        }
+        for set in &self.grids {
+            check("volume", &set.name, set.grids.iter().find_map(Grid::fault));
         }
         for material in &self.materials {
             check("material", &material.name, self.material_fault(material));
@@ -120,6 +123,8 @@ impl Scene {
             Some("its material does not exist".to_owned())
         } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
             Some(format!("its receiver number is above {}", Instance::RECEIVER_LIMIT - 1))
+        } else if instance.grids.is_some_and(|grids| grids >= self.grids.len()) {
+            Some("its grids do not exist".to_owned())
         } else if !instance.world_from_object.is_finite() {
             Some("its transform is not finite; clear its transform".to_owned())
         } else if !(instance.density_factor >= 0.0 && instance.density_factor.is_finite()) {
@@ -272,6 +277,9 @@ mod tests {
         assert!(reason(|scene| scene.meshes[0].triangles[0][2] = 3).contains("Plane"));
         assert!(reason(|scene| scene.instances[0].geometry = 1.into()).contains("Floor"));
         assert!(reason(|scene| scene.instances[0].materials = vec![0]).contains("Floor"));
+        assert!(
+            reason(|scene| scene.instances[0].grids = Some(0)).contains("'Floor': its grids do not exist")
+        );
         assert!(reason(|scene| scene.world.texture = Some(0)).contains("world"));
         assert!(reason(|scene| scene.world.volume = Some(0)).contains("volume"));
         let hollow = || Material { volume: Some(0), ..Material::default() };

@@ -91,10 +91,38 @@ class SceneBuilder:
         visibility: Sequence[bool] = (True, True, True, True),
         visible_volume_scatter: bool = True,
         density_factor: float = 1.0,
+        grids: int | None = None,
     ) -> None:
         """Places a mesh, or what `kind` says: `curves` or `points`; matrices are rows, one material a slot,
         visibility to camera, diffuse, glossy and transmission rays. The density of a medium inside is multiplied by a
-        factor."""
+        factor. `grids`: those of the volume that fills it."""
+
+    def add_grid_file(
+        self,
+        name: str,
+        path: str | os.PathLike[str],
+        wanted: Sequence[str],
+        *,
+        clipping: float = 0.0,
+        interpolation: Literal["linear", "cubic"] = "linear",
+    ) -> tuple[int, int] | None:
+        """Numbers of the wanted grids of an OpenVDB file, and of the mesh of a box around all that their active voxels
+        have a part in; None if no voxel is active. Scalars that are not above `clipping` become background.
+        Grids that cannot be read are named in warnings, by the object `name`; ValueError says what is wrong with the
+        file."""
+
+    def add_grid_arrays(
+        self,
+        name: str,
+        grids: dict[str, NDArray[np.float32]],
+        low: Sequence[float],
+        high: Sequence[float],
+        *,
+        clipping: float = 0.0,
+        interpolation: Literal["linear", "cubic"] = "linear",
+    ) -> tuple[int, int] | None:
+        """The same of arrays [z, y, x] or [z, y, x, channels]: 3 of a colour, 4 of one that is multiplied by the
+        fourth. The voxels of each fill a box of object space."""
 
     def add_material(self, json: str) -> int:
         """A shader graph in the JSON form of `relume_scene::Material`."""
@@ -207,6 +235,9 @@ class Scene:
 
     def texels(self, texture: int) -> NDArray[np.uint8] | NDArray[np.float32]:
         """RGBA texels [height, width, 4] of a texture, bottom row first, as rendering sees them."""
+
+    def grid_values(self, grids: int, name: str, positions: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values of a grid at positions in object space [N, 3], as [N, 3]."""
 
     def summary(self) -> str:
         """Camera, lights, materials and sizes as JSON."""

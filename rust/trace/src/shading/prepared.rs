@@ -1,6 +1,6 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec4};
 use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, Instance, Interpolation, Mesh, Points, Scene, UvMap,
+    ColorAttribute, Curves, Extension, Geometry, GridSet, Instance, Interpolation, Mesh, Points, Scene, UvMap,
 };
 
 use super::closures::shade;
@@ -23,6 +23,8 @@ pub struct PreparedMaterials {
     meshes: Vec<PreparedMesh>,
     curves: Vec<Attributes>,
     points: Vec<Attributes>,
+    /// Of each volume, by attribute name: number of its grid, and voxels from its object's space.
+    grids: Vec<Vec<Option<(usize, Affine3A)>>>,
     /// Object of the world's medium.
     pub(super) space: Instance,
 }
@@ -101,6 +103,7 @@ impl PreparedMaterials {
                 .collect(),
             curves: scene.curves.iter().map(|curves| attributes_of_curves(curves, &names)).collect(),
             points: scene.points.iter().map(|points| attributes_of_points(points, &names)).collect(),
+            grids: scene.grids.iter().map(|set| fields(set, &names)).collect(),
             space,
         };
         (prepared, warnings)
@@ -218,8 +221,11 @@ impl PreparedMaterials {
     /// Value at a world-space position of the grid with this name number that an instance has; nothing if it has none. A scalar is in
     /// all of red, green and blue.
     pub(crate) fn field(&self, scene: &Scene, instance: u32, name: usize, position: Vec3) -> Option<Vec4> {
-        let _ = (scene, instance, name, position);
-        None
+        let set = scene.instances.get(instance as usize)?.grids?;
+        let (grid, index_from_object) = self.grids[set][name]?;
+        let set = &scene.grids[set];
+        let voxel = index_from_object.transform_point3(self.object_position(instance, position));
+        Some(set.grids[grid].value(voxel, set.interpolation).extend(1.0))
     }
 
     /// The world's texture, white without one, along the unit `direction` of a ray that leaves the scene.
@@ -298,6 +304,13 @@ impl PreparedMaterials {
     pub(super) fn world_normal(&self, instance: u32, object: Vec3) -> Vec3 {
         (self.transforms[instance as usize].world_from_object_normal * object).normalize_or_zero()
     }
+}
+
+/// Grids of a volume, and voxels from its object's space, by attribute name.
+fn fields(set: &GridSet, names: &Names) -> Vec<Option<(usize, Affine3A)>> {
+    let number = |name: &String| set.grids.iter().position(|grid| grid.name == *name);
+    let field = |name| number(name).map(|grid| (grid, set.grids[grid].object_from_index.inverse()));
+    names.attributes.iter().map(field).collect()
 }
 
 impl PreparedMesh {

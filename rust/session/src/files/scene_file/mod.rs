@@ -19,6 +19,8 @@
 //! | `points.N.radii` | F32 | points | |
 //! | `points.N.uv_map.K`, `.attribute.K` | F32 | points, 2 or 4 | |
 //! | `texture.N` | U8 or F32 | height, width, 4 | RGBA, bottom row first |
+//! | `grid.N.K.slots` | U32 | bricks | of grid K of volume N ([`relume_scene::Grid`]) |
+//! | `grid.N.K.values` | F32 | voxels, channels | |
 //! | `view` | U8 | bytes | [`crate::files::names::VIEW_FILE`], if there is one |
 //!
 //! The metadata key `relume_scene` holds the format and scene ([`SceneHeader`]). The description is a tensor of its own
@@ -30,7 +32,10 @@ mod write;
 use crate::error::SessionError;
 use crate::files::names::VIEW_FILE;
 use relume_image::write_atomically;
-use relume_scene::{Alpha, Camera, ColorEncoding, Instance, Light, Scene, StrandShape, World, glam::Vec3};
+use relume_scene::glam::{Affine3A, IVec3, Vec3};
+use relume_scene::{
+    Alpha, Bricks, Camera, ColorEncoding, GridInterpolation, Instance, Light, Scene, StrandShape, World,
+};
 use relume_trace::TraceSettings;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
@@ -78,6 +83,8 @@ struct SceneDescription<M> {
     instances: Vec<Instance>,
     materials: Vec<M>,
     textures: Vec<TextureParts>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    grids: Vec<GridSetParts>,
     world: World,
     lights: Vec<Light>,
     warnings: Vec<String>,
@@ -125,6 +132,26 @@ struct TextureParts {
     is_float: bool,
     encoding: ColorEncoding,
     alpha: Alpha,
+}
+
+/// A [`relume_scene::GridSet`] without its arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GridSetParts {
+    name: String,
+    interpolation: GridInterpolation,
+    grids: Vec<GridParts>,
+}
+
+/// A [`relume_scene::Grid`] without its arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GridParts {
+    name: String,
+    channels: usize,
+    object_from_index: Affine3A,
+    bricks: Bricks,
+    active: Option<[IVec3; 2]>,
 }
 
 /// Writes a scene with its render settings and view ([`VIEW_FILE`]'s bytes, unless that is the sRGB curve), atomically.

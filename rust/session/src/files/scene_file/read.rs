@@ -1,14 +1,13 @@
 use super::{
-    CurvesParts, DESCRIPTION, FORMAT_VERSION, KEY, MeshParts, PointsParts, SceneDescription, SceneFile,
+    CurvesParts, DESCRIPTION, FORMAT_VERSION, GridParts, GridSetParts, KEY, MeshParts, PointsParts,
+    SceneDescription, SceneFile,
     SceneHeader, TextureParts, VIEW,
 };
 use crate::bake::check_scene;
 use crate::files::light_set;
 use bytemuck::{Pod, pod_collect_to_vec};
 use relume_image::ViewTransform;
-use relume_scene::{
-    ColorAttribute, Curves, Light, Mesh, Points, Scene, SceneBuilder, Texels, Texture, UvMap,
-};
+use relume_scene::{ColorAttribute, Curves, Grid, GridSet, Light, Mesh, Points, Scene, SceneBuilder, Texels, Texture, UvMap};
 use relume_trace::TraceSettings;
 use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;
@@ -64,6 +63,9 @@ fn read_scene(arrays: &Arrays) -> Result<(Scene, TraceSettings), String> {
     }
     for (number, mesh) in parts.meshes.into_iter().enumerate() {
         builder.add_mesh(arrays.mesh(number, mesh)?).map_err(refused)?;
+    }
+    for (number, set) in parts.grids.into_iter().enumerate() {
+        builder.add_grid_set(arrays.grid_set(number, set)?).map_err(refused)?;
     }
     for (number, curves) in parts.curves.into_iter().enumerate() {
         builder.add_curves(arrays.curves(number, curves)?).map_err(refused)?;
@@ -159,6 +161,18 @@ impl Arrays<'_> {
             false => Texels::Byte(self.rows(&tensor, Dtype::U8, &row)?),
         };
         Ok(Texture { name, width, height, texels, encoding, alpha })
+    }
+
+    fn grid_set(&self, number: usize, parts: GridSetParts) -> Result<GridSet, String> {
+        let grid = |(k, parts): (usize, GridParts)| -> Result<Grid, String> {
+            let tensor = |part: &str| format!("grid.{number}.{k}.{part}");
+            let GridParts { name, channels, object_from_index, bricks, active } = parts;
+            let slots = self.rows(&tensor("slots"), Dtype::U32, &[])?;
+            let values = self.rows(&tensor("values"), Dtype::F32, &[channels])?;
+            Ok(Grid { name, channels, object_from_index, bricks, active, slots, values })
+        };
+        let grids = parts.grids.into_iter().enumerate().map(grid).collect::<Result<_, _>>()?;
+        Ok(GridSet { name: parts.name, interpolation: parts.interpolation, grids })
     }
 
     fn view(&self) -> Result<Option<Vec<u8>>, String> {

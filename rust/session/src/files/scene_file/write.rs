@@ -1,10 +1,11 @@
 use super::{
-    CurvesParts, DESCRIPTION, FORMAT_VERSION, KEY, MeshParts, PointsParts, SceneDescription, SceneHeader,
+    CurvesParts, DESCRIPTION, FORMAT_VERSION, GridParts, GridSetParts, KEY, MeshParts, PointsParts,
+    SceneDescription, SceneHeader,
     TextureParts, VIEW,
 };
 use crate::bake::check_scene;
 use bytemuck::{NoUninit, cast_slice};
-use relume_scene::{ColorAttribute, Curves, Material, Mesh, Points, Scene, Texels, Texture, UvMap};
+use relume_scene::{ColorAttribute, Curves, Grid, GridSet, Material, Mesh, Points, Scene, Texels, Texture, UvMap};
 use relume_trace::TraceSettings;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use std::collections::HashMap;
@@ -38,6 +39,13 @@ pub(super) fn encode(
             Texels::Float(texels) => tensors.add(name, Dtype::F32, &row, texels)?,
         }
     }
+    for (number, set) in scene.grids.iter().enumerate() {
+        for (k, grid) in set.grids.iter().enumerate() {
+            let name = |part: &str| format!("grid.{number}.{k}.{part}");
+            tensors.add(name("slots"), Dtype::U32, &[], &grid.slots)?;
+            tensors.add(name("values"), Dtype::F32, &[grid.channels], &grid.values)?;
+        }
+    }
     if let Some(view) = view {
         tensors.add(VIEW.into(), Dtype::U8, &[], view)?;
     }
@@ -57,6 +65,7 @@ fn describe(scene: &Scene, settings: &TraceSettings) -> SceneDescription<Materia
         instances: scene.instances.clone(),
         materials: scene.materials.clone(),
         textures: scene.textures.iter().map(texture_parts).collect(),
+        grids: scene.grids.iter().map(grid_set_parts).collect(),
         world: scene.world.clone(),
         lights: scene.lights.clone(),
         warnings: scene.warnings.clone(),
@@ -104,6 +113,18 @@ fn texture_parts(texture: &Texture) -> TextureParts {
     let Texture { width, height, encoding, alpha, .. } = *texture;
     let is_float = matches!(texture.texels, Texels::Float(_));
     TextureParts { name: texture.name.clone(), width, height, is_float, encoding, alpha }
+}
+
+fn grid_set_parts(set: &GridSet) -> GridSetParts {
+    let parts = |grid: &Grid| {
+        let Grid { channels, object_from_index, bricks, active, .. } = *grid;
+        GridParts { name: grid.name.clone(), channels, object_from_index, bricks, active }
+    };
+    GridSetParts {
+        name: set.name.clone(),
+        interpolation: set.interpolation,
+        grids: set.grids.iter().map(parts).collect(),
+    }
 }
 
 /// Arrays that lie in the scene, by the names of their tensors.
