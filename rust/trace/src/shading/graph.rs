@@ -83,8 +83,14 @@ impl Graph {
         });
         let [surface, volume] = [material.surface, material.volume]
             .map(|root| root.filter(|root| (*root as usize) < nodes.len()));
-        let mut graph =
-            Self { surface, volume, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), bends_exits, nodes };
+        let mut graph = Self {
+            surface,
+            volume,
+            needs: vec![Vec::new(); nodes.len()],
+            aids: Vec::new(),
+            bends_exits,
+            nodes,
+        };
         let mut too_many = |part: &str| {
             let words = format!("more than {MAX_CLOSURE_VISITS} shaders are mixed; its {part} is left out");
             warnings.push(format!("material '{}': {words}", material.name));
