@@ -67,6 +67,7 @@ impl Integrator<'_> {
             walk::walk(&medium, ray, point.shading_normal, throughput, find, |step| draw(step + 1))?
         };
         path.throughput = exit.throughput;
+        path.left_out = None;
         // As if the ray had come from outside, so that the side is the outer one.
         let hit = Hit { distance: 0.0, ..exit.hit };
         let exit =
