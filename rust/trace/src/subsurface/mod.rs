@@ -2,7 +2,7 @@
 //!
 //! The models are Cycles': random walks (Chiang, Kutz and Burley, "Practical and Controllable Subsurface Scattering
 //! for Production Path Tracing", SIGGRAPH 2016) and probes of Burley's profile (King et al., "BSSRDF Importance
-//! Sampling", SIGGRAPH 2013). Lights inside a body do not count, so that no segment leads through it.
+//! Sampling", SIGGRAPH 2013). Lights inside a body do not count: the segment through it collects nothing.
 
 mod disk;
 mod medium;
