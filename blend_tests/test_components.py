@@ -48,10 +48,10 @@ def add_curve(scene, name="Curve"):
 def test_each_component_beside_a_mesh_is_named(scene, as_instances):
     add_components(add_quad(scene), *COMPONENTS.values(), as_instances=as_instances)
     found = exported(scene)
-    assert [instance["name"] for instance in found["instances"]] == ["Plane"]
+    assert [instance["name"] for instance in found["instances"]] == ["Plane", "Plane"]
+    assert [points["points"] for points in found["points"]] == [1]
     assert sorted(found["warnings"]) == [
         "object 'Plane': curves that its geometry nodes leave without a profile are left out, as by Cycles",
-        "object 'Plane': point clouds are not supported yet; left out",
         "object 'Plane': volumes are not supported yet; left out",
     ]
 
@@ -71,11 +71,11 @@ def test_components_in_an_instanced_collection_are_named_once(scene):
 def test_a_curve_object_shows_what_its_nodes_instance(scene):
     add_components(add_curve(scene), MESH, COMPONENTS["point clouds"], as_instances=True)
     found = exported(scene)
-    assert [instance["name"] for instance in found["instances"]] == ["Curve"]
-    assert found["warnings"] == ["object 'Curve': point clouds are not supported yet; left out"]
+    assert [instance["name"] for instance in found["instances"]] == ["Curve", "Curve"]
+    assert sorted(next(iter(instance["geometry"])) for instance in found["instances"]) == ["mesh", "points"]
 
 
-def test_hair_is_named_where_renders_show_it(scene):
+def test_hair_is_exported_where_renders_show_it(scene):
     def meadow(name, **settings):
         obj = add_quad(scene, name)
         modifier = obj.modifiers.new("Grass", "PARTICLE_SYSTEM")
@@ -90,7 +90,7 @@ def test_hair_is_named_where_renders_show_it(scene):
     meadow("Sparks", type="EMITTER", render_type="HALO")
     meadow("Mown", type="HAIR")[1].show_render = False
     meadow("Only hair", type="HAIR")[0].show_instancer_for_render = False
-    assert exported(scene)["warnings"] == [
-        "object 'Meadow': hair of particle system 'Grass' is not supported yet; left out",
-        "object 'Only hair': hair of particle system 'Grass' is not supported yet; left out",
-    ]
+    found = exported(scene)
+    haired = [instance["name"] for instance in found["instances"] if "curves" in instance["geometry"]]
+    assert haired == ["Meadow", "Only hair"]
+    assert [hair["curves"] for hair in found["curves"]] == [3, 3] and not found["warnings"]

@@ -19,10 +19,13 @@ PARTS = {
     ("object", "details"): "Modifiers of '{name}' changed",
     ("object", "materials"): "'{name}' has other materials",
     ("object", "visibility"): "Visibility of '{name}' changed",
+    ("object", "scatter"): "Visibility of '{name}' changed",
     ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",
     ("object", "pose"): "'{name}' has another pose",
     ("data", "shape"): "Geometry '{name}' changed",
     ("data", "details"): "Geometry '{name}' changed",
+    ("volume", "settings"): "Settings of volume '{name}' changed",
+    ("volume", "file"): "The file of volume '{name}' changed",
     ("nodes", "nodes"): "Node group '{name}' changed",
     ("texture", "settings"): "Texture '{name}' changed",
     ("particles", "settings"): "Particle settings '{name}' changed",
@@ -31,10 +34,13 @@ PARTS = {
     ("image", "file"): "The file of image '{name}' changed",
     ("world", "shape"): "The world changed",
     ("world", "color"): "The world changed",
+    ("space", "volume"): "The volume of the world changed",
     ("camera", "place"): "The camera moved",
     ("camera", "lens"): "Lens or focus of the camera changed",
     ("settings", "paths"): "Bounces or filters of the render settings changed",
     ("settings", "override"): "The view layer has another material override",
+    ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
+    ("settings", "volumes"): "The view layer shows volumes, or no longer does",
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
     ("collections", "lacking"): "Objects were hidden or shown by their collection",
@@ -43,11 +49,11 @@ PARTS = {
     ("collections", "origins"): "The origin of an instanced collection moved",
 }
 """Sentence for each part that differs. A `helper`, which no render shows itself, uses those of an `object`."""
-LATER = {"details", "origins", "lacking", "shading", "override"}
+LATER = {"details", "origins", "lacking", "shading", "override", "volumes"}
 """Parts that the first bakes do not have: there they make no sentence."""
 ORDER = (
-    *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "instanced", "nodes"),
-    *("texture", "particles", "data", "material", "image", "sequences"),
+    *("camera", "film", "settings", "collections", "world", "space", "object", "helper", "collection", "instanced"),
+    *("nodes", "texture", "particles", "data", "volume", "material", "image", "sequences", "smoke"),
 )
 
 
@@ -74,6 +80,9 @@ def _of_one(key: str, baked: Fingerprint | None, present: Fingerprint | None) ->
     if kind == "sequences":  # Images come and go with materials.
         both = baked.keys() & present.keys()
         return [f"Image '{image}' shows another picture in this frame" for image in parts if image in both]
+    if kind == "smoke":
+        both = baked.keys() & present.keys()
+        return [f"The smoke of '{domain}' is that of another frame" for domain in parts if domain in both]
     if parts == ["color"] and world_gain(baked, present):
         return []
     said_as = "object" if kind == "helper" else kind

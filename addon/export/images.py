@@ -124,10 +124,13 @@ def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -
     path = bpy.path.abspath(image.filepath, library=image.library)
     if image.source == "TILED":
         return tile_path(path, image.tiles[0].number)
-    if image.source == "SEQUENCE" and (digits := LAST_NUMBER.search(path)):
-        number = str(frame_of(settings, frame)).zfill(len(digits[0]))
-        return path[: digits.start()] + number + path[digits.end() :]
-    return path
+    return numbered_path(path, frame_of(settings, frame)) if image.source == "SEQUENCE" else path
+
+
+def numbered_path(path: str, number: int) -> str:
+    """Path of a file of a sequence: the last number in the path of any of them is replaced."""
+    digits = LAST_NUMBER.search(path)
+    return path[: digits.start()] + str(number).zfill(len(digits[0])) + path[digits.end() :] if digits else path
 
 
 def tile_path(path: str, number: int) -> str:

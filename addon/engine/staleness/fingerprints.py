@@ -2,9 +2,9 @@
 
 They see transforms, data and its attributes, modifiers with all that they read (objects that no render shows, groups of
 geometry nodes, textures), particle settings, poses, material and world nodes, visibility of objects and collections,
-objects of instanced collections, camera and render settings, and size and time of image files, of sequences those that
-are shown in the frame. They do not see simulation caches, combed hair, multiresolution sculpting, and files other than
-images."""
+objects of instanced collections, camera and render settings, and size and time of files of images and volumes, of
+sequences those that are shown in the frame. Of smoke they see the frame, and not what its simulation left there; nor do
+they see other simulation caches, combed hair, multiresolution sculpting, and other files."""
 
 from __future__ import annotations
 
@@ -19,12 +19,15 @@ import bpy
 from ...core.diff import Fingerprint, color_text
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
-from ...export.images import frame_of, path_of, tile_path
+from ...export.curves import strand_shape
+from ...export.images import frame_of, numbered_path, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
-from ...export.materials.graph import used_tree
+from ...export.materials import MaterialExporter
+from ...export.materials.graph import has_volume, used_tree
 from ...export.plain import plain
 from ...export.scene import shadow_terminator
 from ...export.view_layer import render_layer
+from ...export.volumes import smoke_domain
 from ...export.working_space import working_space
 from ...export.world import export_world, world_of
 from ...export.world_graph import WorldGraph
@@ -59,7 +62,7 @@ def keys_of_block(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     if isinstance(found, bpy.types.Camera):
         return ["camera"]
     if isinstance(found, bpy.types.World):
-        return ["world"]
+        return ["world", "space"]
     if isinstance(found, bpy.types.Scene):
         return list(ONE_OF_A_KIND)
     if isinstance(found, bpy.types.Key):
@@ -67,7 +70,7 @@ def keys_of_block(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     kind = _kind(found)
     own = [f"{kind} {found.name_full}"] if kind else []
     if isinstance(found, bpy.types.Image):
-        return [*own, "world"]
+        return [*own, "world", "space"]
     if isinstance(found, bpy.types.Material):
         return [*own, "sequences"]
     is_collection = isinstance(found, bpy.types.Collection)
@@ -231,6 +234,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
         "visibility": hashed([getattr(obj, f"visible_{name}") for name in visible]),
         "shading": hashed([*obj.color, obj.pass_index, *shadow_terminator(obj)]),
     }
+    if not obj.visible_volume_scatter:
+        found["scatter"] = "hidden"
     if obj.data is not None:
         found["data"] = obj.data.name_full
     elif obj.instance_collection is not None:
@@ -251,9 +256,10 @@ def _modifier(modifier: bpy.types.Modifier) -> list:
 
 
 def _modifier_details(modifier: bpy.types.Modifier) -> list:
+    domain = getattr(modifier, "domain_settings", None)
     projectors = [projector.object and projector.object.name_full for projector in getattr(modifier, "projectors", ())]
     system = values(modifier.particle_system) if modifier.type == "PARTICLE_SYSTEM" else []
-    return [drawn_curves(modifier), projectors, system]
+    return [drawn_curves(modifier), projectors, system, *([values(domain)] if domain else [])]
 
 
 def _material(material: bpy.types.Material) -> Fingerprint:
@@ -298,6 +304,21 @@ def _image(image: bpy.types.Image) -> Fingerprint | None:
     return {"file": hashed([_stamp(found) for found in paths])}
 
 
+def _volume(volume: bpy.types.Volume) -> Fingerprint:
+    """Fingerprint of a volume and the file behind it, which is that of the frame where they are a sequence."""
+    path = bpy.path.abspath(volume.filepath, library=volume.library)
+    if volume.is_sequence:
+        path = numbered_path(path, volume.grids.frame)
+    settings = [values(volume), values(volume.render), volume.is_sequence]
+    return {"settings": hashed(settings), "file": hashed([path, _stamp(path)])}
+
+
+def _smoke(scene: bpy.types.Scene) -> Fingerprint:
+    """The frame, where a smoke domain shows another picture in each. Costs next to nothing without any."""
+    shown = [obj.name_full for obj in scene.objects if obj.modifiers and _counts(obj) and smoke_domain(obj)]
+    return {name: f"frame {scene.frame_current}" for name in shown}
+
+
 def _sequences(scene: bpy.types.Scene) -> Fingerprint:
     """Fingerprints of image sequences and movies in the scene's frame, by name. Costs next to nothing without any."""
     images = {image for image in bpy.data.images if image.source in {"SEQUENCE", "MOVIE"}}
@@ -339,10 +360,13 @@ def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Finger
 
 
 def _settings(scene: bpy.types.Scene) -> Fingerprint:
-    override = render_layer(scene).material_override
+    layer = render_layer(scene)
+    override = layer.material_override
     return {
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
+        "volumes": str(render_layer(scene).use_volumes),
+        "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
     }
 
@@ -403,6 +427,15 @@ class _WorldRecorder:
         path = path_of(image, settings, self.frame) if image.source == "SEQUENCE" else image.filepath
         return repr([image.name_full, path, image.colorspace_settings.name, image.alpha_mode])
 
+    def missing(self, _owner: str) -> str:
+        """Stands for an image that is not there."""
+        return ""
+
+    def add_material(self, text: str) -> int:
+        """Records a material, as of the world's volume; called like the scene builder's method."""
+        self.shape.append(text)
+        return 0
+
     def texture_of(self, graph: WorldGraph, _name: str) -> str:
         """Identifies a world's node graph by its text, in place of rendering it."""
         return graph.text
@@ -423,13 +456,25 @@ def world(scene: bpy.types.Scene) -> Fingerprint:
     return {"shape": hashed(recorder.shape), "color": color_text(recorder.color)}
 
 
+def _space(scene: bpy.types.Scene) -> Fingerprint:
+    """Fingerprint of the medium that fills all space."""
+    found = world_of(scene, render_layer(scene))
+    if found is None or not has_volume(found):
+        return {"volume": ""}
+    recorder: Any = _WorldRecorder(scene.frame_current)
+    MaterialExporter(recorder, recorder).world_volume(found)
+    return {"volume": hashed(recorder.shape)}
+
+
 ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Fingerprint | None]] = {
     "camera": _camera,
     "film": _film,
     "settings": _settings,
     "collections": _collections,
     "world": world,
+    "space": _space,
     "sequences": _sequences,
+    "smoke": _smoke,
 }
 
 
@@ -448,6 +493,7 @@ BLOCKS = {
     "collection": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _collection)),
     "instanced": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _instanced_fingerprint)),
     "nodes": _Block(bpy.types.GeometryNodeTree, "node_groups", _group),
+    "volume": _Block(bpy.types.Volume, "volumes", partial(_in_one_step, _volume)),
     "texture": _Block(bpy.types.Texture, "textures", partial(_in_one_step, _texture)),
     "particles": _Block(bpy.types.ParticleSettings, "particles", partial(_in_one_step, _particles)),
 }

@@ -97,16 +97,17 @@ class StalenessTracker:
         self._needs_scan = self._scans_all = True
 
     def mark_files(self) -> bool:
-        """Marks all image files, which other programs may have written. Returns True if there are any."""
-        files = {key: None for key in self.present if key.startswith("image ")}
+        """Marks files of images and volumes, which other programs may have written. Returns True if there are any."""
+        files = {key: None for key in self.present if key.startswith(("image ", "volume "))}
         if files:
             files["sequences"] = None
         self._waiting |= files
         return bool(files)
 
     def mark_frame(self) -> None:
-        """Marks image sequences, which Blender does not name when another frame is shown."""
-        self._waiting["sequences"] = None
+        """Marks sequences and smoke, which Blender does not name when another frame is shown."""
+        volumes = [key for key in self.present if key.startswith("volume ")]
+        self._waiting |= dict.fromkeys(["sequences", "smoke", *volumes])
 
     def reload_images(self) -> None:
         """Makes Blender read the image files again that changed since the bake, as a render by Cycles does. Images with

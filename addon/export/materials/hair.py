@@ -78,3 +78,11 @@ HAIR_VALUES: dict[str, TranslateValue] = {
     "ShaderNodeHairInfo": _info("hair_info", INFO),
     "ShaderNodePointInfo": _info("point_info", POINT_INFO),
 }
+
+
+def asks_for_normals() -> bool:
+    """True if a material of the open file may show hair of elliptical cross-section, which lies as its curves' normals
+    say."""
+    trees = [block.node_tree for block in bpy.data.materials if block.node_tree] + list(bpy.data.node_groups)
+    nodes = (node for tree in trees for node in tree.nodes if node.bl_idname == "ShaderNodeBsdfHairPrincipled")
+    return any(node.model == "HUANG" for node in nodes)

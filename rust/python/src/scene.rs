@@ -110,15 +110,75 @@ impl PySceneBuilder {
         enter_native(py, || self.builder.add_mesh(mesh))
     }
 
-    #[pyo3(signature = (name, mesh, world_from_object, materials, *, receiver=0, color=[1.0; 4], pass_index=0,
-        random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4]))]
+    #[pyo3(signature = (name, keys, radii, first_keys, *, shape="ribbon", subdivisions=2, first_number=0,
+        uv_maps=None,        key_attributes=None, curve_attributes=None, generated=None, normals=None))]
+    fn add_curves(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        keys: &Bound<'_, PyAny>,
+        radii: &Bound<'_, PyAny>,
+        first_keys: &Bound<'_, PyAny>,
+        shape: &str,
+        subdivisions: u8,
+        first_number: u32,
+        uv_maps: Option<&Bound<'_, PyDict>>,
+        key_attributes: Option<&Bound<'_, PyDict>>,
+        curve_attributes: Option<&Bound<'_, PyDict>>,
+        generated: Option<&Bound<'_, PyAny>>,
+        normals: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<usize> {
+        let optional = |name, object: Option<_>| match object {
+            Some(object) => Ok(Array::<f32>::borrow(name, object)?.cast()?.to_vec()),
+            None => PyResult::Ok(Vec::new()),
+        };
+        let curves = scene::Curves {
+            name: name.into(),
+            shape: strand_shape(shape, subdivisions)?,
+            first_number,
+            keys: Array::<f32>::borrow("keys", keys)?.cast()?.to_vec(),
+            radii: Array::<f32>::borrow("radii", radii)?.cast()?.to_vec(),
+            first_keys: Array::<i32>::borrow("first_keys", first_keys)?.cast()?.to_vec(),
+            uv_maps: owned_uv_maps(uv_maps)?,
+            key_attributes: owned_attributes("key_attributes", key_attributes)?,
+            curve_attributes: owned_attributes("curve_attributes", curve_attributes)?,
+            generated: optional("generated", generated)?,
+            normals: optional("normals", normals)?,
+        };
+        enter_native(py, || self.builder.add_curves(curves))
+    }
+
+    #[pyo3(signature = (name, positions, radii, *, uv_maps=None, attributes=None))]
+    fn add_points(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        positions: &Bound<'_, PyAny>,
+        radii: &Bound<'_, PyAny>,
+        uv_maps: Option<&Bound<'_, PyDict>>,
+        attributes: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<usize> {
+        let points = scene::Points {
+            name: name.into(),
+            positions: Array::<f32>::borrow("positions", positions)?.cast()?.to_vec(),
+            radii: Array::<f32>::borrow("radii", radii)?.cast()?.to_vec(),
+            uv_maps: owned_uv_maps(uv_maps)?,
+            attributes: owned_attributes("attributes", attributes)?,
+        };
+        enter_native(py, || self.builder.add_points(points))
+    }
+
+    #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
+        random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
+        visible_volume_scatter=true, density_factor=1.0, grids=None))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
         name: &str,
-        mesh: usize,
+        geometry: usize,
         world_from_object: [[f32; 4]; 4],
         materials: Vec<usize>,
+        kind: &str,
         receiver: u16,
         color: [f32; 4],
         pass_index: u32,
@@ -126,7 +186,16 @@ impl PySceneBuilder {
         shadow_terminator_offset: f32,
         shadow_terminator_shading: f32,
         visibility: [bool; 4],
+        visible_volume_scatter: bool,
+        density_factor: f32,
+        grids: Option<usize>,
     ) -> PyResult<()> {
+        let geometry = match kind {
+            "mesh" => scene::Geometry::Mesh(geometry),
+            "curves" => scene::Geometry::Curves(geometry),
+            "points" => scene::Geometry::Points(geometry),
+            _ => return Err(invalid(format!("kind '{kind}' is not known")).into()),
+        };
         let [visible_camera, visible_diffuse, visible_glossy, visible_transmission] = visibility;
         let instance = scene::Instance {
             receiver,
@@ -139,7 +208,10 @@ impl PySceneBuilder {
             visible_diffuse,
             visible_glossy,
             visible_transmission,
-            ..scene::Instance::new(name, mesh, affine_from_rows(world_from_object), materials)
+            grids,
+            visible_volume_scatter,
+            density_factor,
+            ..scene::Instance::new(name, geometry, affine_from_rows(world_from_object), materials)
         };
         enter_native(py, || self.builder.add_instance(instance))
     }
@@ -202,6 +274,57 @@ impl PySceneBuilder {
         })
     }
 
+    #[pyo3(signature = (name, path, wanted, *, clipping=0.0, interpolation="linear"))]
+    fn add_grid_file(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        path: PathBuf,
+        wanted: Vec<String>,
+        clipping: f32,
+        interpolation: &str,
+    ) -> PyResult<Option<(usize, usize)>> {
+        let interpolation = known("interpolation", interpolation)?;
+        enter_native(py, || -> Result<_, NativeError> {
+            let bytes = std::fs::read(&path).map_err(|error| invalid(error.to_string()))?;
+            let read = scene::GridSet::from_vdb(name, &bytes, &wanted, clipping, interpolation);
+            let (set, refused) = read.map_err(invalid)?;
+            for reason in refused {
+                self.builder.warn(format!("object '{name}': {reason}; left out"));
+            }
+            Ok(self.builder.add_grids(set)?)
+        })
+    }
+
+    #[pyo3(signature = (name, grids, low, high, *, clipping=0.0, interpolation="linear"))]
+    fn add_grid_arrays(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        grids: &Bound<'_, PyDict>,
+        low: [f32; 3],
+        high: [f32; 3],
+        clipping: f32,
+        interpolation: &str,
+    ) -> PyResult<Option<(usize, usize)>> {
+        let interpolation = known("interpolation", interpolation)?;
+        let arrays = named_arrays("grids", Some(grids))?;
+        let corners = [low, high].map(Vec3::from);
+        let mut dense = Vec::with_capacity(arrays.len());
+        for (grid, array) in &arrays {
+            let size = [array.size(2), array.size(1), array.size(0)];
+            let (channels, values) = (array.size(3).max(1), array.values()?);
+            let object_from_index = scene::DenseGrid::place(size, corners);
+            dense.push(scene::DenseGrid { name: grid, size, channels, values, object_from_index });
+        }
+        enter_native(py, || -> Result<_, NativeError> {
+            let grids = dense.iter().map(|grid| grid.to_grid(clipping).map_err(invalid));
+            let grids = grids.collect::<Result<_, _>>()?;
+            let set = scene::GridSet { name: name.to_owned(), interpolation, grids };
+            Ok(self.builder.add_grids(set)?)
+        })
+    }
+
     fn set_camera(&mut self, py: Python<'_>, json: &str) -> PyResult<()> {
         enter_native(py, || -> Result<(), NativeError> {
             let camera: scene::BlenderCamera = serde_json::from_str(json)?;
@@ -211,7 +334,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (color, *, texture=None, texture_from_world=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        visible_camera=true))]
+        visible_camera=true, volume=None, receiver=0))]
     fn set_world(
         &mut self,
         py: Python<'_>,
@@ -219,9 +342,11 @@ impl PySceneBuilder {
         texture: Option<usize>,
         texture_from_world: [[f32; 3]; 3],
         visible_camera: bool,
+        volume: Option<usize>,
+        receiver: u16,
     ) -> PyResult<()> {
         let texture_from_world = mat3_from_rows(texture_from_world);
-        let world = scene::World { color, texture, texture_from_world, visible_camera };
+        let world = scene::World { color, texture, texture_from_world, visible_camera, volume, receiver };
         enter_native(py, || self.builder.set_world(world))
     }
 
@@ -365,10 +490,56 @@ impl PyScene {
         })
     }
 
+    /// Values of a grid at positions in object space [N, 3], as [N, 3].
+    fn grid_values<'py>(
+        &self,
+        py: Python<'py>,
+        grids: usize,
+        name: &str,
+        positions: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let grid = self.scene.grids.get(grids).and_then(|set| set.get(name));
+        let grid = grid.ok_or_else(|| invalid("there is no grid of that number and name"))?;
+        let interpolation = self.scene.grids[grids].interpolation;
+        let index_from_object = grid.object_from_index.inverse();
+        let value = |position: &Vec3| {
+            let position = index_from_object.transform_point3(*position);
+            grid.value(position, interpolation)
+        };
+        let positions = Array::<f32>::borrow("positions", positions)?;
+        let values: Vec<Vec3> = positions.cast::<Vec3>()?.iter().map(value).collect();
+        let array = PyArray1::from_slice(py, bytemuck::cast_slice::<Vec3, f32>(&values));
+        Ok(array.reshape([values.len(), 3])?.into_any())
+    }
+
     /// Counts and parts as JSON, for tests and `info`.
     fn summary(&self, py: Python<'_>) -> PyResult<String> {
         enter_native(py, || serde_json::to_string(&summary(&self.scene)))
     }
+}
+
+fn strand_shape(shape: &str, subdivisions: u8) -> PyResult<scene::StrandShape> {
+    match shape {
+        "ribbon" => Ok(scene::StrandShape::Ribbon { subdivisions }),
+        "round" => Ok(scene::StrandShape::Round),
+        "linear" => Ok(scene::StrandShape::Linear),
+        _ => Err(invalid(format!("shape '{shape}' is not known")).into()),
+    }
+}
+
+fn owned_uv_maps(maps: Option<&Bound<'_, PyDict>>) -> PyResult<Vec<scene::UvMap>> {
+    let arrays = named_arrays("uv_maps", maps)?;
+    let maps = regrouped::<Vec2>(&arrays)?.into_iter();
+    Ok(maps.map(|(name, coords)| scene::UvMap { name, coords: coords.to_vec() }).collect())
+}
+
+fn owned_attributes(
+    argument: &'static str,
+    attributes: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Vec<scene::ColorAttribute>> {
+    let arrays = named_arrays(argument, attributes)?;
+    let attributes = regrouped::<[f32; 4]>(&arrays)?.into_iter();
+    Ok(attributes.map(|(name, colors)| scene::ColorAttribute { name, colors: colors.to_vec() }).collect())
 }
 
 /// The arrays of a dictionary, in its order.
@@ -401,18 +572,37 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "uv_maps": m.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "instances": scene.instances.iter().map(|i| serde_json::json!({
-            "name": i.name, "mesh": i.geometry.mesh(), "materials": i.materials, "receiver": i.receiver,
-            "world_from_object": i.world_from_object, "color": i.color, "pass_index": i.pass_index,
+            "name": i.name, "mesh": match i.geometry { scene::Geometry::Mesh(index) => Some(index), _ => None }, "geometry": i.geometry, "materials": i.materials, "receiver": i.receiver,
+            "world_from_object": i.world_from_object, "color": i.color, "pass_index": i.pass_index, "grids": i.grids,
             "random": i.random, "shadow_terminator_offset": i.shadow_terminator_offset,
             "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
+            "visible_volume_scatter": i.visible_volume_scatter, "density_factor": i.density_factor,
+        })).collect::<Vec<_>>(),
+        "curves": scene.curves.iter().map(|c| serde_json::json!({
+            "name": c.name, "shape": c.shape, "curves": c.curve_count(), "keys": c.keys.len(),
+            "radii": [c.radii.iter().copied().fold(f32::INFINITY, f32::min), c.radii.iter().copied().fold(0.0, f32::max)],
+            "uv_maps": c.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
+            "key_attributes": c.key_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
+            "curve_attributes": c.curve_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
+        })).collect::<Vec<_>>(),
+        "points": scene.points.iter().map(|p| serde_json::json!({
+            "name": p.name, "points": p.positions.len(),
+            "attributes": p.attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "textures": scene.textures.iter().map(|t| serde_json::json!({
             "name": t.name, "width": t.width, "height": t.height, "encoding": t.encoding, "alpha": t.alpha,
             "float": matches!(t.texels, scene::Texels::Float(_)),
         })).collect::<Vec<_>>(),
+        "grids": scene.grids.iter().map(|set| serde_json::json!({
+            "name": set.name, "interpolation": set.interpolation,
+            "grids": set.grids.iter().map(|grid| serde_json::json!({"name": grid.name, "channels": grid.channels,
+                "object_from_index": grid.object_from_index, "active": grid.active,
+            })).collect::<Vec<_>>(),
+        })).collect::<Vec<_>>(),
         "world": {"color": scene.world.color, "texture": scene.world.texture,
-            "texture_from_world": scene.world.texture_from_world, "visible_camera": scene.world.visible_camera},
+            "texture_from_world": scene.world.texture_from_world, "visible_camera": scene.world.visible_camera,
+            "volume": scene.world.volume, "receiver": scene.world.receiver},
         "instanced_triangles": scene.instances.iter().map(triangles).sum::<usize>(),
         "warnings": scene.warnings,
     })

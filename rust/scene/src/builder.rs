@@ -2,7 +2,7 @@
 
 use crate::damage::can_be_placed;
 use crate::validate::world_fault;
-use crate::{Camera, Instance, Light, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Camera, Curves, Grid, GridSet, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture, World};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -55,10 +55,14 @@ impl SceneBuilder {
         self.has_camera = true;
     }
 
-    /// Sets the world; its texture must have been added before.
+    /// Sets the world; its texture and the material of its volume must have been added before.
     pub fn set_world(&mut self, world: World) -> Result<(), BuildError> {
         if let Some(reason) = world_fault(&world, &self.scene.textures) {
             return Err(part("world", "World", reason));
+        }
+        let has_volume = |material: &Material| material.volume.is_some();
+        if world.volume.is_some_and(|number| !self.scene.materials.get(number).is_some_and(has_volume)) {
+            return Err(part("world", "World", "the material of its volume does not exist or has none"));
         }
         self.scene.world = world;
         Ok(())
@@ -129,6 +133,46 @@ impl SceneBuilder {
         Err(part("mesh", &mesh.name, reason))
     }
 
+    /// Adds the grids of a volume and the mesh of a box around their active voxels, and returns the numbers of both; none if no voxel
+    /// is active, since nothing is to be seen then. Values that no volume has become 0, and are named in a warning: those that are not
+    /// finite, and densities below 0.
+    pub fn add_grids(&mut self, mut set: GridSet) -> Result<Option<(usize, usize)>, BuildError> {
+        for damage in set.grids.iter_mut().filter_map(Grid::heal) {
+            self.warn(format!("object '{}': {damage}", set.name));
+        }
+        let Some(hull) = set.hull() else { return Ok(None) };
+        let mesh = Mesh::cuboid(&set.name, hull);
+        let grids = self.add_grid_set(set)?;
+        Ok(Some((grids, self.add_mesh(mesh)?)))
+    }
+
+    /// Adds sound grids whose mesh is there already, and returns their number.
+    pub fn add_grid_set(&mut self, set: GridSet) -> Result<usize, BuildError> {
+        if let Some(fault) = set.grids.iter().find_map(Grid::fault) {
+            return Err(part("volume", &set.name, fault));
+        }
+        self.scene.grids.push(set);
+        Ok(self.scene.grids.len() - 1)
+    }
+
+    /// Adds curves and returns their number.
+    pub fn add_curves(&mut self, curves: Curves) -> Result<usize, BuildError> {
+        if let Some(reason) = curves.fault() {
+            return Err(part("curves", &curves.name, reason));
+        }
+        self.scene.curves.push(curves);
+        Ok(self.scene.curves.len() - 1)
+    }
+
+    /// Adds points and returns their number.
+    pub fn add_points(&mut self, points: Points) -> Result<usize, BuildError> {
+        if let Some(reason) = points.fault() {
+            return Err(part("points", &points.name, reason));
+        }
+        self.scene.points.push(points);
+        Ok(self.scene.points.len() - 1)
+    }
+
     /// Places geometry.
     pub fn add_instance(&mut self, instance: Instance) -> Result<(), BuildError> {
         let reason = if let Some(missing) = self.scene.missing(instance.geometry) {
@@ -137,6 +181,8 @@ impl SceneBuilder {
             "its material does not exist"
         } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
             "its receiver number is above 2047"
+        } else if instance.grids.is_some_and(|grids| grids >= self.scene.grids.len()) {
+            "its grids do not exist"
         } else {
             self.place(instance);
             return Ok(());
@@ -151,7 +197,7 @@ impl SceneBuilder {
         } else if instance.world_from_object.matrix3.determinant() == 0.0 {
             "scaled to zero; left out (apply its scale if it is only flat)"
         } else {
-            if !self.scene.is_empty(instance.geometry) {
+            if self.scene.primitive_count(instance.geometry) > 0 {
                 self.scene.instances.push(instance);
             }
             return;
@@ -172,9 +218,10 @@ impl SceneBuilder {
         }
     }
 
-    /// A scene of nothing but the world, for who needs only that.
+    /// A scene of nothing but the light of the world, for who needs only that.
     pub fn build_world(self) -> Scene {
         let Scene { world, textures, working_space, warnings, .. } = self.scene;
+        let world = World { volume: None, ..world };
         Scene { world, textures, working_space, warnings, ..Scene::default() }
     }
 
@@ -190,30 +237,33 @@ impl SceneBuilder {
     }
 }
 
-/// Node numbers must point backwards and `surface` must exist.
+/// Node numbers must point backwards, and `surface` and `volume` must exist.
 fn check_links(material: &Value) -> Result<(), String> {
     let nodes = material["nodes"].as_array().map(Vec::as_slice).unwrap_or_default();
     for (number, node) in nodes.iter().enumerate() {
         let shader = matches!(node["type"].as_str(), Some("mix_shader" | "add_shader"));
-        let sockets = node.as_object().into_iter().flatten();
-        // Some sockets stand in an object within the node.
-        let nested = sockets.clone().filter_map(|(_, value)| value.as_object()).flatten();
-        for (socket, value) in sockets.chain(nested) {
-            let target = match value {
-                Value::Object(link) => link.get("node"),
-                Value::Number(_) if shader && (socket == "a" || socket == "b") => Some(value),
-                _ => None,
+        for (socket, value) in node.as_object().into_iter().flatten() {
+            let targets: Vec<&Value> = match value {
+                // A link, or a phase function with links of its own.
+                Value::Object(fields) => {
+                    let own = fields.get("node");
+                    own.into_iter().chain(fields.values().filter_map(|field| field.get("node"))).collect()
+                }
+                Value::Number(_) if shader && (socket == "a" || socket == "b") => vec![value],
+                _ => Vec::new(),
             };
-            if target.is_some_and(|target| target.as_u64().is_none_or(|target| target >= number as u64)) {
+            if targets.iter().any(|target| target.as_u64().is_none_or(|target| target >= number as u64)) {
                 return Err(format!("node {number} has a link at '{socket}' that does not point backwards"));
             }
         }
     }
-    match &material["surface"] {
-        Value::Null => Ok(()),
-        surface if surface.as_u64().is_some_and(|node| node < nodes.len() as u64) => Ok(()),
-        _ => Err("its surface node does not exist".into()),
+    for root in ["surface", "volume"] {
+        let node = &material[root];
+        if !node.is_null() && node.as_u64().is_none_or(|node| node >= nodes.len() as u64) {
+            return Err(format!("its {root} node does not exist"));
+        }
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -255,6 +305,17 @@ mod tests {
             let error = builder.add_material_json(&material(color, surface)).unwrap_err();
             assert!(error.to_string().contains("'M'"), "{error}");
         }
+        let fog = |anisotropy: u32, volume: u32| {
+            format!(
+                r#"{{"name": "M", "nodes": [{{"type": "geometry"}}, {{"type": "volume_scatter", "color": 1.0,
+                    "density": 1.0, "phase": {{"type": "henyey_greenstein", "anisotropy":
+                    {{"node": {anisotropy}, "output": "position"}}}}}}], "surface": null, "volume": {volume}}}"#
+            )
+        };
+        assert!(builder.add_material_json(&fog(0, 1)).is_ok());
+        for (anisotropy, volume) in [(1, 1), (0, 2)] {
+            assert!(builder.add_material_json(&fog(anisotropy, volume)).is_err());
+        }
         let mix = r#"{"name": "M", "nodes": [{"type": "add_shader", "a": 0, "b": null}], "surface": 0}"#;
         assert!(builder.add_material_json(mix).is_err());
     }
@@ -275,6 +336,11 @@ mod tests {
         assert!(builder.add_mesh(mesh).unwrap_err().to_string().contains("'Tri'"));
         let nowhere = Instance::new("Object", 4, Affine3A::IDENTITY, vec![]);
         assert!(builder.add_instance(nowhere).unwrap_err().to_string().contains("'Object'"));
+        let mesh = builder.add_mesh(triangle()).unwrap();
+        let hollow = Instance { grids: Some(0), ..Instance::new("Fog", mesh, Affine3A::IDENTITY, vec![]) };
+        assert!(
+            builder.add_instance(hollow).unwrap_err().to_string().contains("'Fog': its grids do not exist")
+        );
     }
 
     #[test]
@@ -311,5 +377,44 @@ mod tests {
         );
         builder.set_camera(Camera::default());
         assert_eq!(builder.build().unwrap_err(), BuildError::Empty);
+    }
+
+    /// Voxels of a row along x, 0.5 m apart.
+    fn row(name: &str, values: &[f32]) -> crate::Grid {
+        let object_from_index = Affine3A::from_scale(Vec3::splat(0.5));
+        let size = [values.len(), 1, 1];
+        crate::DenseGrid { name, size, channels: 1, values, object_from_index }.to_grid(0.0).unwrap()
+    }
+
+    #[test]
+    fn a_volume_is_a_box_around_its_active_voxels() {
+        let mut builder = SceneBuilder::default();
+        let grids = vec![row("density", &[0.0, 0.0, 1.0, 2.0]), row("heat", &[0.0, 0.0, 0.0, 0.0, 3.0])];
+        let set = |grids| GridSet { name: "Smoke".into(), grids, ..GridSet::default() };
+        let (number, mesh) = builder.add_grids(set(grids)).unwrap().unwrap();
+        let Mesh { positions, triangles, .. } = &builder.scene.meshes[mesh];
+        let low = positions.iter().copied().reduce(Vec3::min).unwrap();
+        let high = positions.iter().copied().reduce(Vec3::max).unwrap();
+        assert_eq!((low, high), (Vec3::new(0.5, -0.5, -0.5), Vec3::new(2.5, 0.5, 0.5)));
+        // By the divergence theorem, faces that all look outwards enclose the volume of the box.
+        let corner = |corner: u32| positions[corner as usize];
+        let sixth = |t: &[u32; 3]| corner(t[0]).dot(corner(t[1]).cross(corner(t[2])));
+        assert!((triangles.iter().map(sixth).sum::<f32>() / 6.0 - 2.0).abs() < 1e-6);
+        let inside =
+            Instance { grids: Some(number), ..Instance::new("Smoke", mesh, Affine3A::IDENTITY, vec![]) };
+        assert_eq!(builder.add_instance(inside), Ok(()));
+        assert_eq!(builder.add_grids(set(vec![row("density", &[0.0; 4])])), Ok(None));
+    }
+
+    #[test]
+    fn densities_that_no_volume_has_are_0_and_named_once() {
+        let mut builder = SceneBuilder::default();
+        let grids = vec![row("density", &[f32::NAN, -2.0, 3.0]), row("distance", &[-1.0, 2.0])];
+        builder.add_grids(GridSet { name: "Smoke".into(), grids, ..GridSet::default() }).unwrap();
+        assert_eq!(builder.scene.grids[0].grids[0].value(Vec3::X, Default::default()), Vec3::ZERO);
+        assert_eq!(builder.scene.grids[0].grids[1].value(Vec3::ZERO, Default::default()), Vec3::NEG_ONE);
+        let warning =
+            "object 'Smoke': 2 values of grid 'density' are below 0 or not finite numbers; taken as 0";
+        assert_eq!(builder.scene.warnings, [warning]);
     }
 }

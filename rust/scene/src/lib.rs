@@ -8,8 +8,10 @@ mod blender_light;
 mod blender_light_inverse;
 mod builder;
 mod camera;
+mod curves;
 mod damage;
 mod geometry;
+mod grid;
 mod hair;
 mod hash;
 mod light;
@@ -19,13 +21,16 @@ mod mesh;
 mod node;
 mod node_settings;
 mod obj;
+mod phase;
 mod picture_file;
+mod points;
 mod polygon;
 mod procedural;
 mod sockets;
 mod subsurface;
 mod texture;
 mod validate;
+mod vdb;
 mod world;
 
 pub use blender_camera::{BlenderCamera, BlenderDepthOfField, CameraError, SensorFit};
@@ -34,8 +39,10 @@ pub use blender_light::{
 };
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
+pub use curves::{Curves, StrandLengths, StrandShape};
 pub use geometry::Geometry;
 pub use glam;
+pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};
 pub use hair::{HairComponent, HairModel, HairPigment, PrincipledHair};
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
@@ -47,7 +54,9 @@ pub use node_settings::{
     NormalSpace, TexCoord, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
+pub use phase::PhaseFunction;
 pub use picture_file::{FileColors, PictureFile};
+pub use points::Points;
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use procedural::{
     BrickTexture, Dimensions, GradientKind, Metric, NoiseKind, NoiseTexture, Procedural, VoronoiFeature,
@@ -56,6 +65,7 @@ pub use procedural::{
 pub use subsurface::{AlbedoInversion, Subsurface, SubsurfaceMethod, SubsurfaceModel};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::{MOST_RADIANCE, SceneFault};
+pub use vdb::VdbFile;
 pub use world::World;
 
 /// Everything that the tracer needs, and the lights that the file came with.
@@ -65,12 +75,18 @@ pub struct Scene {
     pub camera: Camera,
     /// Each evaluated mesh once.
     pub meshes: Vec<Mesh>,
+    /// Hair curves, those of each object or particle system once.
+    pub curves: Vec<Curves>,
+    /// Point clouds, each once.
+    pub points: Vec<Points>,
     /// Instances of geometry.
     pub instances: Vec<Instance>,
     /// Shader graphs, referred to by [`Instance::materials`].
     pub materials: Vec<Material>,
     /// Images, referred to by [`Node::ImageTexture`] and [`World`].
     pub textures: Vec<Texture>,
+    /// What fills volumes, referred to by [`Instance::grids`].
+    pub grids: Vec<GridSet>,
     /// World that rays see which leave the scene.
     pub world: World,
     /// The lights of the file. They are no part of what is traced; the tracer only looks more often to where they stand.

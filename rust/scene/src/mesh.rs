@@ -1,4 +1,4 @@
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, BVec3, Vec2, Vec3};
 
 use crate::{Geometry, Scene};
 
@@ -22,6 +22,25 @@ pub struct Mesh {
     /// Centre and half size of the box of generated coordinates (Blender's texture space); that of the positions if
     /// there is none. Modifiers leave it as it was without them.
     pub texture_space: Option<[Vec3; 2]>,
+}
+
+impl Mesh {
+    /// A box between its lowest and highest corner, whose faces look outwards.
+    pub fn cuboid(name: impl Into<String>, [low, high]: [Vec3; 2]) -> Self {
+        const FACES: [[u32; 4]; 6] =
+            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let corner = |number: u32| {
+            let is_high = BVec3::new(number & 1 != 0, number & 2 != 0, number & 4 != 0);
+            Vec3::select(is_high, high, low)
+        };
+        let triangles = FACES.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]);
+        Self {
+            name: name.into(),
+            positions: (0..8).map(corner).collect(),
+            triangles: triangles.collect(),
+            ..Self::default()
+        }
+    }
 }
 
 /// A named set of texture coordinates.
@@ -69,6 +88,9 @@ pub struct Instance {
     /// Shading Offset).
     #[serde(default, skip_serializing_if = "is_zero")]
     pub shadow_terminator_shading: f32,
+    /// Grids of the volume that fills it, an index into [`crate::Scene::grids`]; none where shaders alone decide.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grids: Option<usize>,
     /// Seen by camera rays.
     pub visible_camera: bool,
     /// Seen by diffuse rays.
@@ -77,10 +99,32 @@ pub struct Instance {
     pub visible_glossy: bool,
     /// Seen by transmission rays.
     pub visible_transmission: bool,
+    /// Seen by rays that a medium scattered, even where diffuse rays do not see it: those count as both, as in Cycles.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub visible_volume_scatter: bool,
+    /// Factor on the density of the medium inside (Cycles' volume density of an object, in object or world space).
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub density_factor: f32,
 }
 
 fn is_zero(value: &f32) -> bool {
     *value == 0.0
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn is_yes(value: &bool) -> bool {
+    *value
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+fn is_one(value: &f32) -> bool {
+    *value == 1.0
 }
 
 impl Instance {
@@ -113,10 +157,13 @@ impl Instance {
             random: 0.0,
             shadow_terminator_offset: 0.1,
             shadow_terminator_shading: 0.0,
+            grids: None,
             visible_camera: true,
             visible_diffuse: true,
             visible_glossy: true,
             visible_transmission: true,
+            visible_volume_scatter: true,
+            density_factor: 1.0,
         }
     }
 }

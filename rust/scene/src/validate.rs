@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::{Geometry, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Geometry, Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -8,7 +8,7 @@ pub const MOST_RADIANCE: f32 = 1e30;
 /// Something that makes a scene untraceable: which part, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct SceneFault {
-    /// Kind of the part: `"mesh"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
+    /// Kind of the part: `"mesh"`, `"curves"`, `"points"`, `"volume"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
     pub part: &'static str,
     /// Name of the part.
     pub name: String,
@@ -34,7 +34,7 @@ impl Scene {
             faults.extend(reason.map(|reason| SceneFault { part, name: name.to_owned(), reason }));
         };
         check("camera", &self.camera.name, self.camera_fault());
-        let is_empty = self.instances.iter().all(|instance| self.is_empty(instance.geometry));
+        let is_empty = self.instances.iter().all(|instance| self.primitive_count(instance.geometry) == 0);
         check(
             "scene",
             &self.camera.name,
@@ -43,8 +43,17 @@ impl Scene {
         for mesh in &self.meshes {
             check("mesh", &mesh.name, mesh_fault(mesh, self));
         }
+        for curves in &self.curves {
+            check("curves", &curves.name, curves.fault());
+        }
+        for points in &self.points {
+            check("points", &points.name, points.fault());
+        }
         for instance in &self.instances {
             check("object", &instance.name, self.instance_fault(instance));
+        }
+        for set in &self.grids {
+            check("volume", &set.name, set.grids.iter().find_map(Grid::fault));
         }
         for material in &self.materials {
             check("material", &material.name, self.material_fault(material));
@@ -52,36 +61,31 @@ impl Scene {
         for texture in &self.textures {
             check("image", &texture.name, texture_fault(texture));
         }
-        check("world", "World", world_fault(&self.world, &self.textures));
+        check(
+            "world",
+            "World",
+            world_fault(&self.world, &self.textures).or_else(|| self.world_volume_fault()),
+        );
         if faults.is_empty() { Ok(()) } else { Err(faults) }
     }
 
     /// Object names by receiver number, for light linking.
     pub fn receiver_names(&self) -> Vec<String> {
-        let count =
-            self.instances.iter().map(|instance| usize::from(instance.receiver) + 1).max().unwrap_or(0);
-        let mut names = vec![String::new(); count];
-        for instance in &self.instances {
-            names[usize::from(instance.receiver)].clone_from(&instance.name);
+        let world = self.world.volume.map(|_| (self.world.receiver, "World"));
+        let objects = self.instances.iter().map(|instance| (instance.receiver, instance.name.as_str()));
+        let mut names = Vec::new();
+        for (receiver, name) in world.into_iter().chain(objects) {
+            let number = usize::from(receiver);
+            names.resize(names.len().max(number + 1), String::new());
+            name.clone_into(&mut names[number]);
         }
         names
     }
 
-    /// The mesh that a geometry is; nothing for other kinds, or if it does not exist.
-    pub fn mesh(&self, geometry: Geometry) -> Option<&Mesh> {
-        self.meshes.get(geometry.mesh()?)
-    }
-
-    /// True if there is nothing of a geometry that a ray could meet.
-    pub(crate) fn is_empty(&self, geometry: Geometry) -> bool {
-        let Geometry::Mesh(index) = geometry;
-        self.meshes.get(index).is_none_or(|mesh| mesh.triangles.is_empty())
-    }
-
-    /// Fault of a geometry that no list has.
-    pub(crate) fn missing(&self, geometry: Geometry) -> Option<&'static str> {
-        let Geometry::Mesh(index) = geometry;
-        (index >= self.meshes.len()).then_some("its mesh does not exist")
+    fn world_volume_fault(&self) -> Option<String> {
+        let material = self.materials.get(self.world.volume?);
+        let has_volume = material.is_some_and(|material| material.volume.is_some());
+        (!has_volume).then(|| "the material of its volume does not exist or has none".to_owned())
     }
 
     fn camera_fault(&self) -> Option<String> {
@@ -119,8 +123,12 @@ impl Scene {
             Some("its material does not exist".to_owned())
         } else if usize::from(instance.receiver) >= Instance::RECEIVER_LIMIT {
             Some(format!("its receiver number is above {}", Instance::RECEIVER_LIMIT - 1))
+        } else if instance.grids.is_some_and(|grids| grids >= self.grids.len()) {
+            Some("its grids do not exist".to_owned())
         } else if !instance.world_from_object.is_finite() {
             Some("its transform is not finite; clear its transform".to_owned())
+        } else if !(instance.density_factor >= 0.0 && instance.density_factor.is_finite()) {
+            Some("the factor on its volume's density is negative or not finite; correct its scale".to_owned())
         } else {
             None
         }
@@ -138,6 +146,9 @@ impl Scene {
         }
         if material.surface.is_some_and(|surface| surface as usize >= material.nodes.len()) {
             return Some("its surface node does not exist".to_owned());
+        }
+        if material.volume.is_some_and(|volume| volume as usize >= material.nodes.len()) {
+            return Some("its volume node does not exist".to_owned());
         }
         let is_too_bright = material.nodes.iter().any(|node| glow(node) > MOST_RADIANCE);
         is_too_bright
@@ -157,6 +168,10 @@ fn glow(node: &Node) -> f32 {
         Node::Principled { emission_color, emission_strength, .. } => {
             brightest(emission_color) * brightest(emission_strength)
         }
+        Node::PrincipledVolume { emission_color, emission_strength, .. } => {
+            brightest(emission_color) * brightest(emission_strength)
+        }
+        Node::VolumeCoefficients { emission, .. } => brightest(emission),
         _ => 0.0,
     }
 }
@@ -250,11 +265,26 @@ mod tests {
     }
 
     #[test]
+    fn a_medium_of_all_space_is_a_receiver() {
+        let mut scene = scene();
+        assert_eq!(scene.receiver_names(), ["Floor"]);
+        (scene.world.volume, scene.world.receiver) = (Some(0), 2);
+        assert_eq!(scene.receiver_names(), ["Floor", "", "World"]);
+    }
+
+    #[test]
     fn bad_references_are_named() {
         assert!(reason(|scene| scene.meshes[0].triangles[0][2] = 3).contains("Plane"));
         assert!(reason(|scene| scene.instances[0].geometry = 1.into()).contains("Floor"));
         assert!(reason(|scene| scene.instances[0].materials = vec![0]).contains("Floor"));
+        assert!(
+            reason(|scene| scene.instances[0].grids = Some(0)).contains("'Floor': its grids do not exist")
+        );
         assert!(reason(|scene| scene.world.texture = Some(0)).contains("world"));
+        assert!(reason(|scene| scene.world.volume = Some(0)).contains("volume"));
+        let hollow = || Material { volume: Some(0), ..Material::default() };
+        assert!(reason(|scene| scene.materials.push(hollow())).contains("volume node"));
+        assert!(reason(|scene| scene.instances[0].density_factor = -1.0).contains("density"));
         assert!(reason(|scene| scene.world.color[1] = f32::NAN).contains("not a finite number"));
         assert!(reason(|scene| scene.world.color[1] = f32::MAX).contains("lower its strength"));
         assert!(reason(|scene| scene.meshes[0].corner_normals = vec![Vec3::Z]).contains("Plane"));
@@ -264,7 +294,15 @@ mod tests {
     fn materials_that_glow_too_brightly_are_named() {
         let glowing = |color, strength| {
             let nodes = vec![Node::Emission { color, strength: Input::Float(strength) }];
-            Scene { materials: vec![Material { name: "Neon".into(), nodes, surface: Some(0) }], ..scene() }
+            Scene {
+                materials: vec![Material {
+                    name: "Neon".into(),
+                    nodes,
+                    surface: Some(0),
+                    ..Material::default()
+                }],
+                ..scene()
+            }
         };
         let linked = || Input::Link { node: 0, output: crate::Output::Color };
         assert_eq!(glowing(Input::Rgb([1.0, 0.5, 0.0]), 1e30).validate(), Ok(()));

@@ -57,7 +57,7 @@ impl Emitter {
 
 impl Emitters {
     /// Finds the emitters; nothing if there are none. Only instances that all rays see take part, since a light sample
-    /// does not know what kind of ray it stands for; others are left to BSDF sampling.
+    /// does not know what kind of ray it stands for; others are left to BSDF sampling. So are strands and points: few glow.
     pub fn new(scene: &Scene, materials: &PreparedMaterials) -> Option<Self> {
         let points_by_material: Vec<usize> = scene.materials.iter().map(points_to_measure).collect();
         let mut surface = Surface::default();

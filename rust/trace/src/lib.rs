@@ -14,6 +14,7 @@ mod environment;
 pub mod filter;
 mod guide;
 mod integrator;
+mod media;
 mod path;
 mod ray_offset;
 mod render;
@@ -21,7 +22,9 @@ pub mod sampler;
 pub mod settings;
 pub mod shading;
 mod static_light;
+mod strand;
 mod subsurface;
+mod vertex;
 
 pub use guide::{Guide, hit_probability};
 pub use integrator::{PathScratch, PathSink};

@@ -32,8 +32,11 @@ pub(crate) struct PathState {
     glossy: u32,
     transmission: u32,
     transparent: u32,
+    volume: u32,
     /// True if the current segment left a transparent surface.
     through_transparent: bool,
+    /// True if it continues the ray of the segment before it.
+    continues: bool,
     /// The next surface only emits and lets through.
     last_surface: bool,
     /// The next surface only emits.
@@ -67,7 +70,9 @@ impl PathState {
             glossy: 0,
             transmission: 0,
             transparent: 0,
+            volume: 0,
             through_transparent: false,
+            continues: false,
             last_surface: false,
             ends_on_surface: false,
         }
@@ -80,7 +85,7 @@ impl PathState {
             throughput: self.throughput,
             lobe: self.light_lobe,
             receiver: self.receiver,
-            continues: self.through_transparent,
+            continues: self.continues,
         }
     }
 
@@ -108,11 +113,28 @@ impl PathState {
         if is_early { 1.0 } else { self.throughput.abs().max_element().sqrt().min(1.0) }
     }
 
+    /// Goes straight on with another weight, within a medium that dims channels differently.
+    pub fn change(&mut self, weight: Vec3) {
+        self.throughput *= weight;
+        self.continues = true;
+    }
+
+    /// Scatters in a medium. What the collision leaves of the light was taken into account there; `weight` is of the direction.
+    pub fn scatter_in_medium(&mut self, weight: Vec3, pdf: f32, limits: &BounceLimits) {
+        self.throughput *= weight;
+        self.min_pdf = self.min_pdf.min(pdf);
+        (self.lobe, self.light_lobe, self.is_diffuse) = (Lobe::Volume, Lobe::Volume, false);
+        (self.through_transparent, self.continues) = (false, false);
+        self.bounces += 1;
+        self.volume += 1;
+        self.last_surface |= self.volume > limits.volume || self.bounces > limits.total;
+    }
+
     /// Goes straight through a surface.
     pub fn pass_through(&mut self, weight: Vec3, limits: &BounceLimits) {
         self.throughput *= weight;
         self.transparent += 1;
-        self.through_transparent = true;
+        (self.through_transparent, self.continues) = (true, true);
         self.ends_on_surface |=
             self.transparent >= limits.transparent.saturating_add(limits.more_transparent);
     }
@@ -137,7 +159,7 @@ impl PathState {
         self.is_diffuse = sample.diffuse;
         self.was_diffuse |= sample.diffuse;
         self.light_lobe = sample.light_lobe;
-        self.through_transparent = false;
+        (self.through_transparent, self.continues) = (false, false);
         self.bounces += 1;
         let (count, limit) = match sample.lobe {
             Lobe::Diffuse => (&mut self.diffuse, limits.diffuse),

@@ -11,7 +11,7 @@ use super::{Random, dump, light, manifest, segment};
 use crate::{Environment, Gather, Noise, SampleSplit, relight};
 
 fn world(color: [f32; 3], texture: Option<usize>) -> World {
-    World { color, texture, texture_from_world: Mat3::IDENTITY, visible_camera: true }
+    World { color, texture, texture_from_world: Mat3::IDENTITY, visible_camera: true, ..World::default() }
 }
 
 fn texture(width: usize, height: usize, texels: Texels) -> Texture {

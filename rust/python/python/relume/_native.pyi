@@ -42,13 +42,46 @@ class SceneBuilder:
         coordinates, that of the positions without. What is not finite is left out or replaced, and named in a
         warning by the object that shows the mesh, if one is told."""
 
+    def add_curves(
+        self,
+        name: str,
+        keys: NDArray[np.float32],
+        radii: NDArray[np.float32],
+        first_keys: NDArray[np.int32],
+        *,
+        shape: str = "ribbon",
+        subdivisions: int = 2,
+        first_number: int = 0,
+        uv_maps: dict[str, NDArray[np.float32]] | None = None,
+        key_attributes: dict[str, NDArray[np.float32]] | None = None,
+        curve_attributes: dict[str, NDArray[np.float32]] | None = None,
+        generated: NDArray[np.float32] | None = None,
+        normals: NDArray[np.float32] | None = None,
+    ) -> int:
+        """Hair curves in object space: keys [K, 3] and radii [K] in metres, first key of each curve and the number of
+        keys [C + 1]; shape `ribbon` (of `2 ** subdivisions` pieces a span), `round` or `linear`; UV maps [C, 2] and
+        linear colours [K, 4] or [C, 4] by name, generated coordinates [C, 3], normals [K, 3]. Random
+        numbers of curves go on from `first_number`."""
+
+    def add_points(
+        self,
+        name: str,
+        positions: NDArray[np.float32],
+        radii: NDArray[np.float32],
+        *,
+        uv_maps: dict[str, NDArray[np.float32]] | None = None,
+        attributes: dict[str, NDArray[np.float32]] | None = None,
+    ) -> int:
+        """Spheres in object space: centres [N, 3] and radii [N] in metres, UV maps [N, 2] and linear colours [N, 4]."""
+
     def add_instance(
         self,
         name: str,
-        mesh: int,
+        geometry: int,
         world_from_object: Matrix4,
         materials: Sequence[int],
         *,
+        kind: str = "mesh",
         receiver: int = 0,
         color: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
         pass_index: int = 0,
@@ -56,9 +89,40 @@ class SceneBuilder:
         shadow_terminator_offset: float = 0.1,
         shadow_terminator_shading: float = 0.0,
         visibility: Sequence[bool] = (True, True, True, True),
+        visible_volume_scatter: bool = True,
+        density_factor: float = 1.0,
+        grids: int | None = None,
     ) -> None:
-        """Places a mesh; matrices are rows, one material a slot, visibility to camera, diffuse, glossy and
-        transmission rays."""
+        """Places a mesh, or what `kind` says: `curves` or `points`; matrices are rows, one material a slot,
+        visibility to camera, diffuse, glossy and transmission rays. The density of a medium inside is multiplied by a
+        factor. `grids`: those of the volume that fills it."""
+
+    def add_grid_file(
+        self,
+        name: str,
+        path: str | os.PathLike[str],
+        wanted: Sequence[str],
+        *,
+        clipping: float = 0.0,
+        interpolation: Literal["linear", "cubic"] = "linear",
+    ) -> tuple[int, int] | None:
+        """Numbers of the wanted grids of an OpenVDB file, and of the mesh of a box around all that their active voxels
+        have a part in; None if no voxel is active. Scalars that are not above `clipping` become background.
+        Grids that cannot be read are named in warnings, by the object `name`; ValueError says what is wrong with the
+        file."""
+
+    def add_grid_arrays(
+        self,
+        name: str,
+        grids: dict[str, NDArray[np.float32]],
+        low: Sequence[float],
+        high: Sequence[float],
+        *,
+        clipping: float = 0.0,
+        interpolation: Literal["linear", "cubic"] = "linear",
+    ) -> tuple[int, int] | None:
+        """The same of arrays [z, y, x] or [z, y, x, channels]: 3 of a colour, 4 of one that is multiplied by the
+        fourth. The voxels of each fill a box of object space."""
 
     def add_material(self, json: str) -> int:
         """A shader graph in the JSON form of `relume_scene::Material`."""
@@ -100,8 +164,11 @@ class SceneBuilder:
         texture: int | None = None,
         texture_from_world: Matrix3 = ...,
         visible_camera: bool = True,
+        volume: int | None = None,
+        receiver: int = 0,
     ) -> None:
-        """Background radiance, or factor on an equirectangular texture."""
+        """Background radiance, or factor on an equirectangular texture. `volume` is a material whose volume fills all
+        space, as an object of a receiver number."""
 
     def add_light(self, json: str) -> None:
         """A Blender light in the JSON form of `relume_scene::BlenderLight`."""
@@ -168,6 +235,9 @@ class Scene:
 
     def texels(self, texture: int) -> NDArray[np.uint8] | NDArray[np.float32]:
         """RGBA texels [height, width, 4] of a texture, bottom row first, as rendering sees them."""
+
+    def grid_values(self, grids: int, name: str, positions: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values of a grid at positions in object space [N, 3], as [N, 3]."""
 
     def summary(self) -> str:
         """Camera, lights, materials and sizes as JSON."""

@@ -131,7 +131,7 @@ impl Surface {
         self.has_body = false;
         self.scatters_around = false;
         self.wo = point.wo;
-        self.sides = SideNormals { geometric: point.geometric_normal, shading: point.shading_normal };
+        self.sides = SideNormals { geometric: point.horizon_normal(), shading: point.shading_normal };
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
     }

@@ -39,6 +39,8 @@ pub(super) fn facing(wo: Vec3) -> Surface {
         barycentrics: [0.3, 0.3],
         ray_length: 1.0,
         footprint: 1e-3,
+        strand: None,
+        is_seen: true,
     };
     let mut surface = Surface::default();
     surface.reset(&point);

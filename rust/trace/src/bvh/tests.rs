@@ -5,20 +5,20 @@ use relume_scene::{Instance, Mesh, Scene};
 use super::*;
 
 /// A small generator (PCG), so that tests need no crate for it.
-struct Random(u64);
+pub(super) struct Random(pub u64);
 
 impl Random {
-    fn next(&mut self) -> f32 {
+    pub fn next(&mut self) -> f32 {
         self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         let mixed = ((self.0 >> 18) ^ self.0) >> 27;
         (mixed as u32).rotate_right((self.0 >> 59) as u32) as f32 / u32::MAX as f32
     }
 
-    fn point(&mut self, scale: f32) -> Vec3 {
+    pub fn point(&mut self, scale: f32) -> Vec3 {
         Vec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5) * 2.0 * scale
     }
 
-    fn direction(&mut self) -> Vec3 {
+    pub fn direction(&mut self) -> Vec3 {
         loop {
             let point = self.point(1.0);
             if (0.01..=1.0).contains(&point.length_squared()) {
@@ -294,6 +294,16 @@ fn hidden_instances_are_seen_by_other_rays_only() {
         let first = |lobe| bvh.intersect(&Ray { lobe, ..Ray::new(Vec3::ZERO, Vec3::Z) }).unwrap().instance;
         let all = [Lobe::Camera, Lobe::Diffuse, Lobe::Glossy, Lobe::Transmission, Lobe::Volume].map(first);
         assert_eq!(all, [0, 0, 1, 0, 0]);
+        // What a medium scattered counts as diffuse, too.
+        for (visible_diffuse, visible_volume_scatter, seen) in
+            [(false, true, 0), (true, false, 0), (false, false, 1)]
+        {
+            let instance = &mut scene.instances[0];
+            (instance.visible_diffuse, instance.visible_volume_scatter) =
+                (visible_diffuse, visible_volume_scatter);
+            let ray = Ray { lobe: Lobe::Volume, ..Ray::new(Vec3::ZERO, Vec3::Z) };
+            assert_eq!(SceneBvh::new(&scene).unwrap().intersect(&ray).unwrap().instance, seen);
+        }
     }
 }
 

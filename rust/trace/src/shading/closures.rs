@@ -227,7 +227,7 @@ pub fn turned(tangent: Vec3, normal: Vec3, turns: f32) -> Vec3 {
 impl ShadingContext<'_> {
     /// A normal for closures that reflect: bent so that the mirror direction is above the surface.
     pub fn specular_normal(&self, normal: Vec3) -> Vec3 {
-        let geometric = self.point.geometric_normal;
+        let geometric = self.point.horizon_normal();
         if normal == geometric { normal } else { ensure_valid_reflection(geometric, self.point.wo, normal) }
     }
 }

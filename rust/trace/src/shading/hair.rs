@@ -3,7 +3,9 @@
 use glam::Vec3;
 use relume_scene::{HairComponent, HairModel, HairPigment, Node, PrincipledHair};
 
+use super::coordinates::footprint_axes;
 use super::evaluate::{Known, ShadingContext};
+use super::strands;
 use super::values::NodeInputs;
 use crate::bsdf::{
     Chiang, ChiangParameters, Fibre, Hair, HairLobe, HairSide, Huang, HuangParameters, Scatter, Surface,
@@ -33,12 +35,12 @@ pub fn add_principled(
             let parameters = HuangParameters {
                 roughness,
                 aspect_ratio: known.float(&node.aspect_ratio),
-                major: Vec3::ZERO,
+                major: context.major_axis(),
                 ior,
                 tilt,
                 absorption,
                 factors: factors.map(|factor| known.float(factor)),
-                coverage: 1.0,
+                coverage: context.coverage(),
             };
             match Huang::new(fibre, &parameters, wo) {
                 Some(hair) => push(surface, context, weight, Hair::Huang(hair)),
@@ -57,10 +59,11 @@ pub fn add_lobe(node: &Node, context: &ShadingContext, known: &Known, weight: f3
         HairComponent::Reflection => HairSide::Reflection,
         HairComponent::Transmission => HairSide::Transmission,
     };
-    let (tangent, offset) = match tangent {
-        Some(tangent) => (known.vector(tangent), known.float(offset)),
+    let (tangent, offset) = match (tangent, &point.strand) {
+        (Some(tangent), _) => (known.vector(tangent), known.float(offset)),
+        (None, Some(strand)) => (strand.tangent, known.float(offset)),
         // On meshes, Cycles takes the triangle's other edge, and no offset.
-        None => (context.edges()[1], 0.0),
+        (None, None) => (context.edges()[1], 0.0),
     };
     let fibre = Fibre::new(tangent, point.shading_normal, point.wo);
     let roughness = (known.float(roughness_u), known.float(roughness_v));
@@ -81,7 +84,9 @@ struct Pigmented {
 
 impl Pigmented {
     fn read(node: &PrincipledHair, known: &Known) -> Self {
-        let random = node.random.as_ref().map_or(0.0, |random| known.float(random));
+        let (point, scene) = (known.context.point, known.context.scene);
+        let own = || point.strand_random(scene).unwrap_or(0.0);
+        let random = node.random.as_ref().map_or_else(own, |random| known.float(random));
         let varied = |by: f32| 1.0 + 2.0 * (random - 0.5) * by;
         let roughness_factor = varied(known.float(&node.random_roughness));
         let roughness = known.float(&node.roughness) * roughness_factor;
@@ -106,7 +111,37 @@ impl Pigmented {
 impl ShadingContext<'_> {
     /// Fibre that the point is on. On meshes, Cycles takes a triangle's edge for the tangent.
     fn fibre(&self) -> Fibre {
-        Fibre::new(self.edges()[0], self.point.geometric_normal, self.point.wo)
+        let point = self.point;
+        match &point.strand {
+            Some(strand) => Fibre::new(strand.tangent, point.shading_normal, point.wo),
+            None => Fibre::new(self.edges()[0], point.geometric_normal, point.wo),
+        }
+    }
+
+    /// Direction in which elliptical hair is wide: the curve's normal, or any that does not turn along the curve, as in
+    /// Cycles. Nothing on meshes, where it is across the ray.
+    fn major_axis(&self) -> Vec3 {
+        let Some(strand) = &self.point.strand else { return Vec3::ZERO };
+        match strands::normal(self) {
+            Some(normal) => self.instance().world_from_object.transform_vector3(normal),
+            None => footprint_axes(strand.tangent.normalize_or_zero()).1,
+        }
+    }
+
+    /// Half of what a pixel covers of the strand, in units of its radius; all of it for rays that do not come from the camera,
+    /// as in Cycles.
+    fn coverage(&self) -> f32 {
+        match &self.point.strand {
+            Some(strand) if self.point.is_seen => 0.5 * self.point.footprint / strand.radius,
+            _ => 1.0,
+        }
+    }
+
+    /// Unit direction to the ray's origin, as far as it is across the strand; nothing on other geometry.
+    pub fn tangent_normal(&self) -> Vec3 {
+        let Some(strand) = &self.point.strand else { return Vec3::ZERO };
+        let along = strand.tangent.normalize_or_zero();
+        (self.point.wo - along * along.dot(self.point.wo)).normalize_or_zero()
     }
 
     /// Edges from the triangle's first corner, in world space, turned over where its back is seen.

@@ -15,15 +15,19 @@ mod point;
 mod prepared;
 mod principled;
 mod procedural;
+mod strands;
 mod subsurface;
 mod tangents;
 #[cfg(test)]
 mod tests;
 mod texture;
 mod values;
+mod volumes;
 
 pub(crate) use color::luminance;
 pub use constant::constant_emission;
-pub use point::{Hit, SurfacePoint};
+pub(crate) use point::MediumPoint;
+pub use point::{Hit, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;
+pub use strands::{PointInfo, StrandInfo};
 pub(crate) use texture::equirectangular;

@@ -49,6 +49,8 @@ impl Integrator<'_> {
         surface: &mut Surface,
     ) -> Option<(SurfacePoint, Draws)> {
         let bssrdf = &entry.bssrdf;
+        // As in Cycles, strands and points have no inside.
+        let start = on_triangle(self.scene, point)?;
         let throughput = path.throughput * entry.weight;
         let find = |ray: &Ray| self.bvh.intersect_within(ray, point.instance);
         let draw = |step: u32| draws.at(BODY_GROUP + step * GROUPS_BETWEEN_STEPS);
@@ -62,7 +64,6 @@ impl Integrator<'_> {
             }
             let (medium, throughput) = Medium::new(bssrdf, throughput);
             let from = Some((point.instance, point.primitive));
-            let start = on_triangle(self.scene, point).unwrap_or(point.position);
             let ray = Ray { from, ..Ray::new(start, direction) };
             walk::walk(&medium, ray, point.shading_normal, throughput, find, |step| draw(step + 1))?
         };

@@ -8,6 +8,7 @@ mod failures;
 mod furnace;
 mod lights;
 mod limits;
+mod media;
 mod subsurface;
 mod support;
 mod surfaces;

@@ -9,7 +9,18 @@
 //! | `mesh.N.material_slots` | U16 | triangles | none if all are slot 0 |
 //! | `mesh.N.uv_map.K` | F32 | corners, 2 | |
 //! | `mesh.N.color_attribute.K` | F32 | corners, 4 | |
+//! | `curves.N.keys`, `.normals` | F32 | keys, 3 | of curves N ([`relume_scene::Curves`]); of normals none if there are none |
+//! | `curves.N.radii` | F32 | keys | |
+//! | `curves.N.first_keys` | U32 | curves + 1 | |
+//! | `curves.N.generated` | F32 | curves, 3 | none if there are none |
+//! | `curves.N.uv_map.K` | F32 | curves, 2 | |
+//! | `curves.N.key_attribute.K`, `.curve_attribute.K` | F32 | keys or curves, 4 | |
+//! | `points.N.positions` | F32 | points, 3 | of points N ([`relume_scene::Points`]) |
+//! | `points.N.radii` | F32 | points | |
+//! | `points.N.uv_map.K`, `.attribute.K` | F32 | points, 2 or 4 | |
 //! | `texture.N` | U8 or F32 | height, width, 4 | RGBA, bottom row first |
+//! | `grid.N.K.slots` | U32 | bricks | of grid K of volume N ([`relume_scene::Grid`]) |
+//! | `grid.N.K.values` | F32 | voxels, channels | |
 //! | `view` | U8 | bytes | [`crate::files::names::VIEW_FILE`], if there is one |
 //!
 //! The metadata key `relume_scene` holds the format and scene ([`SceneHeader`]). The description is a tensor of its own
@@ -21,7 +32,10 @@ mod write;
 use crate::error::SessionError;
 use crate::files::names::VIEW_FILE;
 use relume_image::write_atomically;
-use relume_scene::{Alpha, Camera, ColorEncoding, Instance, Light, Scene, World, glam::Vec3};
+use relume_scene::glam::{Affine3A, IVec3, Vec3};
+use relume_scene::{
+    Alpha, Bricks, Camera, ColorEncoding, GridInterpolation, Instance, Light, Scene, StrandShape, World,
+};
 use relume_trace::TraceSettings;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
@@ -62,9 +76,15 @@ struct SceneDescription<M> {
     working_space: String,
     camera: Camera,
     meshes: Vec<MeshParts>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    curves: Vec<CurvesParts>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    points: Vec<PointsParts>,
     instances: Vec<Instance>,
     materials: Vec<M>,
     textures: Vec<TextureParts>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    grids: Vec<GridSetParts>,
     world: World,
     lights: Vec<Light>,
     warnings: Vec<String>,
@@ -81,6 +101,27 @@ struct MeshParts {
     color_attributes: Vec<String>,
 }
 
+/// [`relume_scene::Curves`] without their arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CurvesParts {
+    name: String,
+    shape: StrandShape,
+    first_number: u32,
+    uv_maps: Vec<String>,
+    key_attributes: Vec<String>,
+    curve_attributes: Vec<String>,
+}
+
+/// [`relume_scene::Points`] without their arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PointsParts {
+    name: String,
+    uv_maps: Vec<String>,
+    attributes: Vec<String>,
+}
+
 /// A [`relume_scene::Texture`] without its texels.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -91,6 +132,26 @@ struct TextureParts {
     is_float: bool,
     encoding: ColorEncoding,
     alpha: Alpha,
+}
+
+/// A [`relume_scene::GridSet`] without its arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GridSetParts {
+    name: String,
+    interpolation: GridInterpolation,
+    grids: Vec<GridParts>,
+}
+
+/// A [`relume_scene::Grid`] without its arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GridParts {
+    name: String,
+    channels: usize,
+    object_from_index: Affine3A,
+    bricks: Bricks,
+    active: Option<[IVec3; 2]>,
 }
 
 /// Writes a scene with its render settings and view ([`VIEW_FILE`]'s bytes, unless that is the sRGB curve), atomically.

@@ -5,8 +5,8 @@ use crate::progress::Monitor;
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_scene::glam::{Affine3A, Mat3, Vec2};
 use relume_scene::{
-    ColorAttribute, DepthOfField, LightShape, LobeFactors, Mesh, ReceiverSet, SceneBuilder, Texels, Texture,
-    UvMap,
+    ColorAttribute, Curves, DenseGrid, DepthOfField, Geometry, GridInterpolation, GridSet, LightShape, LobeFactors,
+    Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, UvMap,
 };
 
 /// A lit scene with something of everything that a scene can have.
@@ -32,6 +32,19 @@ fn scene() -> Scene {
     let material = builder.add_material_json(&material).unwrap();
     let mesh = builder.add_mesh(wall()).unwrap();
     let flat = builder.add_mesh(Mesh { name: "Flat".into(), ..triangle() }).unwrap();
+    let smoke = DenseGrid {
+        name: "density",
+        size: [3, 2, 2],
+        channels: 1,
+        values: &[0.25; 12],
+        object_from_index: Affine3A::from_scale(Vec3::splat(0.1)),
+    };
+    let smoke = GridSet {
+        name: "Smoke".into(),
+        interpolation: GridInterpolation::Cubic,
+        grids: vec![smoke.to_grid(0.0).unwrap()],
+    };
+    let (grids, hull) = builder.add_grids(smoke).unwrap().unwrap();
     let world_from_object = Affine3A::from_rotation_z(0.3) * Affine3A::from_translation(Vec3::Y);
     builder
         .add_instance(Instance {
@@ -46,9 +59,15 @@ fn scene() -> Scene {
         })
         .unwrap();
     builder.add_instance(Instance::new("Flat", flat, Affine3A::IDENTITY, vec![])).unwrap();
+    let smoke = Instance::new("Smoke", hull, Affine3A::from_translation(50.0 * Vec3::Y), vec![material]);
+    builder.add_instance(Instance { grids: Some(grids), ..smoke }).unwrap();
+    let hair = Geometry::Curves(builder.add_curves(fur()).unwrap());
+    builder.add_instance(Instance::new("Fur", hair, world_from_object, vec![material])).unwrap();
+    let dust = Geometry::Points(builder.add_points(dust()).unwrap());
+    builder.add_instance(Instance::new("Dust", dust, world_from_object, vec![])).unwrap();
     let texture_from_world = Mat3::from_rotation_z(0.1);
     let world =
-        World { color: [0.3, 0.2, 0.1], texture: Some(sky), texture_from_world, visible_camera: false };
+        World { color: [0.3, 0.2, 0.1], texture: Some(sky), texture_from_world, visible_camera: false, ..World::default() };
     builder.set_world(world).unwrap();
     builder.set_camera(camera());
     builder.add_light(Light {
@@ -60,6 +79,34 @@ fn scene() -> Scene {
     });
     builder.warn("object 'Fur': hair is not supported");
     builder.build().unwrap()
+}
+
+fn fur() -> Curves {
+    let tint =
+        |count| vec![ColorAttribute { name: "Tint".into(), colors: vec![[0.1, 0.2, 0.3, 1.0]; count] }];
+    Curves {
+        name: "Fur".into(),
+        shape: StrandShape::Ribbon { subdivisions: 1 },
+        first_number: 3,
+        keys: vec![Vec3::ZERO, Vec3::Z, Vec3::X, Vec3::ONE],
+        radii: vec![0.1, 0.2, 0.1, 0.0],
+        first_keys: vec![0, 2, 4],
+        uv_maps: vec![UvMap { name: "Root".into(), coords: vec![Vec2::X, Vec2::Y] }],
+        key_attributes: tint(4),
+        curve_attributes: tint(2),
+        generated: vec![Vec3::ONE; 2],
+        normals: vec![Vec3::Y; 4],
+    }
+}
+
+fn dust() -> Points {
+    Points {
+        name: "Dust".into(),
+        positions: vec![Vec3::ZERO, Vec3::Z],
+        radii: vec![0.1, 0.2],
+        uv_maps: vec![UvMap { name: "UVMap".into(), coords: vec![Vec2::X, Vec2::Y] }],
+        attributes: vec![ColorAttribute { name: "Heat".into(), colors: vec![[0.5; 4]; 2] }],
+    }
 }
 
 fn triangle() -> Mesh {
@@ -134,6 +181,7 @@ fn a_scene_comes_back_as_it_was() {
     assert_eq!((after.hash(), after.world_map()), (before.hash(), before.world_map()));
     assert_eq!((&after.camera, &after.instances), (&before.camera, &before.instances));
     assert_eq!((&after.materials, &after.world), (&before.materials, &before.world));
+    assert_eq!(&after.grids, &before.grids);
     assert_eq!((&after.lights, &after.warnings), (&before.lights, &before.warnings));
     let names = |scene: &Scene| scene.textures.iter().map(|t| t.name.clone()).collect::<Vec<_>>();
     assert_eq!((names(&after), &after.working_space), (names(&before), &before.working_space));
@@ -192,6 +240,8 @@ fn what_is_wrong_is_named() {
     assert!(node.contains("'Tiles'") && node.contains("backwards"), "{node}");
     let mesh = text(&|bytes| replaced(bytes, r#""mesh":1"#, r#""mesh":5"#));
     assert!(mesh.contains("'Flat'") && mesh.contains("mesh does not exist"), "{mesh}");
+    let grid = text(&|bytes| replaced(bytes, r#""counts":[1,1,1]"#, r#""counts":[1,2,1]"#));
+    assert!(grid.contains("'Smoke'") && grid.contains("grid 'density' do not fit together"), "{grid}");
     let radius = text(&|bytes| replaced(bytes, r#""radius":0.3"#, r#""radius":0.0"#));
     assert!(radius.contains("'Lamp'") && radius.contains("radius"), "{radius}");
     let moved = text(&|bytes| replaced(bytes, r#""random":0.7"#, r#""random":0.8"#));
