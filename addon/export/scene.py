@@ -19,18 +19,18 @@ from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
+from .volumes import VolumeExporter, density_factor, smoke_domain
 from .world import WorldRenderError, export_world
 from .world_graph import WorldGraph
 
 UNSUPPORTED_TYPES = {
-    "VOLUME": "volumes",
     "CURVES": "hair curves",
     "POINTCLOUD": "point clouds",
     "GREASEPENCIL": "grease pencil",
     "GPENCIL": "grease pencil",
 }
 """Types of objects that are not exported, in words. Geometry that nodes add to a mesh may appear as objects of them."""
-FILTERS = {"VOLUME": "use_volumes", "GREASEPENCIL": "use_grease_pencil"}
+FILTERS = {"GREASEPENCIL": "use_grease_pencil"}
 """Switches of a view layer that leave such objects out of every picture."""
 
 
@@ -120,6 +120,7 @@ class _SceneExporter:
             lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking, builder.constant_emission
         )
         self.geometry = GeometryExporter(builder, asked_attributes())
+        self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, int], _Shared] = {}
@@ -138,21 +139,34 @@ class _SceneExporter:
                 self._warn_about_type(obj)
             if obj.type == "LIGHT":
                 self.lights.export(obj, _owner(instance), instance.matrix_world, self.camera)
+            elif obj.type == "VOLUME" or (obj.type == "MESH" and not instance.is_instance and smoke_domain(obj)):
+                self._export_volume(instance)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
-                self._export_geometry(instance, uid)
+                self._export_geometry(instance)
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
         export_world(self.builder, self.images, self._world_texture, scene, view_layer)
 
     def _world_texture(self, world: WorldGraph, name: str) -> int:
         return self.builder.add_texture(name, self.render_world(world), encoding="linear", alpha="none")
 
-    def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance, uid: int) -> None:
+    def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
+        mesh = self.geometry.mesh_number(instance.object)
+        if mesh is not None:
+            self._place(instance, mesh)
+
+    def _export_volume(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
+        """Grids of a volume, in a box that its material fills."""
         obj = instance.object
-        mesh = self.geometry.mesh_number(obj)
-        if mesh is None:
+        if not self.view_layer.use_volumes:
             return
-        owner = _owner(instance).original
-        key = uid, owner.session_uid, mesh
+        export = self.volumes.of_object if obj.type == "VOLUME" else self.volumes.of_domain
+        if volume := export(obj, self._slots(obj)):
+            factor = density_factor(obj, instance.matrix_world)
+            self._place(instance, volume.mesh, grids=volume.grids, density_factor=factor)
+
+    def _place(self, instance: bpy.types.DepsgraphObjectInstance, mesh: int, **volume: Any) -> None:
+        obj, owner = instance.object, _owner(instance).original
+        key = obj.original.session_uid, owner.session_uid, mesh
         if key not in self.shared:
             self.shared[key] = self._shared(obj, owner, mesh)
         shared = self.shared[key]
@@ -163,6 +177,7 @@ class _SceneExporter:
             shared.materials,
             random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(shared.name),
             **shared.settings,
+            **volume,
         )
 
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, mesh: int) -> _Shared:
@@ -184,12 +199,12 @@ class _SceneExporter:
         return _Shared(obj.name, materials, settings)
 
     def _materials(self, obj: bpy.types.Object) -> list[int]:
+        return [self.materials.number(material, obj.name) for material in self._slots(obj)]
+
+    def _slots(self, obj: bpy.types.Object) -> list[bpy.types.Material | None]:
+        """Materials of an evaluated object: it has a slot for each of its mesh."""
         override = self.view_layer.material_override
-        if override is not None:
-            return [self.materials.number(override, obj.name)]
-        # Evaluated, an object has a slot for each material of its mesh.
-        slots = [slot.material for slot in obj.material_slots]
-        return [self.materials.number(material, obj.name) for material in slots or [None]]
+        return [override] if override is not None else [slot.material for slot in obj.material_slots] or [None]
 
     def _visibility(self, obj: bpy.types.Object, owner: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
         """Visibility to camera, diffuse, glossy and transmitted rays: those see it that see its owner too."""
@@ -246,6 +261,8 @@ class _SceneExporter:
             warn(f"object '{name}': shadow linking is not supported; every object blocks its light")
 
     def _warn_about_attributes(self, obj: bpy.types.Object, mesh: int, materials: list[int]) -> None:
+        if mesh not in self.geometry.attributes:  # A box around a volume.
+            return
         for attributes in (self.materials.attributes[number] for number in materials):
             for name in sorted(attributes.keys() - self.geometry.attributes[mesh]):
                 where = attributes.pop(name)  # Said once for each material.
