@@ -13,8 +13,9 @@ OUTPUT = "of the picture's file, or of passes that Relume does not write"
 EEVEE = "of EEEVEE, Workbench or viewports"
 BAKED = "of baking to textures"
 BY_DEPSGRAPH = "done by Blender before the scene is read"
-HAIR, VOLUMES, BLUR = "of hair", "of volumes", "of motion blur"
+HAIR, VOLUMES, BLUR = "of hair", "of volume objects", "of motion blur"
 """Neither is supported: each object or scene that has it is named."""
+MARCHING = "of Cycles' steps through media, of which Relume has none"
 FAST_GI = "of Fast GI Approximation, which is named itself"
 CAUSTICS = "of shadow caustics, which each light that asks for them names"
 SAME = "another unit or name of a property that is read"
@@ -72,7 +73,7 @@ TABLE = {
         "Relume has its own denoiser": "use_denoising denoiser denoising_*",
         VIEWS: "preview_* use_preview_* texture_limit texture_resolution ao_bounces",
         FAST_GI: "fast_gi_method ao_bounces_render",
-        VOLUMES: "volume_*",
+        MARCHING: "volume_*",
         BLUR: "rolling_shutter_*",
         BAKED: "bake_type",
         "for who develops Cycles": "debug_*",
@@ -101,9 +102,8 @@ TABLE = {
     },
     "Object": {
         READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
-        "visible_transmission light_linking cycles",
+        "visible_transmission visible_volume_scatter light_linking cycles",
         NAMED: "visible_shadow is_holdout is_shadow_catcher modifiers particle_systems",
-        VOLUMES + " and lights, of which it is read": "visible_volume_scatter",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
         "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
@@ -142,9 +142,9 @@ TABLE = {
         NAMED: "max_bounces use_shadows",
         CAUSTICS: "is_caustics_light",
         NOISE: "sampling_method sample_map_resolution",
-        VOLUMES: "homogeneous_volume volume_*",
+        MARCHING: "homogeneous_volume volume_*",
     },
-    "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission", NOISE: "shadow", VOLUMES: "scatter"},
+    "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission", NOISE: "shadow", NAMED: "scatter"},
     "WorldLighting": {FAST_GI: "ao_factor distance"},
     "Material": {
         READ: "node_tree use_nodes diffuse_color pass_index cycles",
@@ -161,7 +161,7 @@ TABLE = {
     "CyclesMaterialSettings": {
         NOISE: "emission_sampling",
         "decided where nodes are exported": "use_bump_map_correction",
-        VOLUMES: "homogeneous_volume volume_*",
+        MARCHING: "homogeneous_volume volume_*",
     },
     "Camera": {
         READ: "sensor_fit clip_* lens sensor_width sensor_height ortho_scale shift_* dof",

@@ -314,6 +314,23 @@ def test_a_brighter_world_is_relit_and_no_change(baked):
     assert live.requests[-1]["world"] == pytest.approx([1.5, 3.0, 6.0])
 
 
+def test_a_volume_of_the_world_is_a_change_and_its_light_stays_none(baked):
+    tree = baked.world.node_tree
+    fog = tree.nodes.new("ShaderNodeVolumeScatter")
+    output = next(found for found in tree.nodes if found.bl_idname == "ShaderNodeOutputWorld")
+    tree.links.new(fog.outputs[0], output.inputs["Volume"])
+    assert said(baked) == ["The volume of the world changed"]
+    background(baked).inputs["Strength"].default_value = 3.0
+    assert said(baked) == ["The volume of the world changed"]
+    fog.mute = True
+    assert said(baked) == []
+
+
+def test_visibility_to_what_fog_scatters_is_a_change(baked):
+    bpy.data.objects["Sofa"].visible_volume_scatter = False
+    assert said(baked) == ["Visibility of 'Sofa' changed"]
+
+
 def test_a_bake_that_was_begun_under_a_darker_world_is_relit_as_the_present_one(baked):
     live = FakeLive.made[-1]
     live.tell(world_color=[0.25, 0.5, 0.5])

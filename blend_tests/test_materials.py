@@ -321,17 +321,21 @@ def test_transparency_without_its_shadow_is_named(tree, alpha):
     assert any("shadows that ignore transparency" in warning for warning in export()[1]) == (alpha < 1.0)
 
 
-@pytest.mark.parametrize("volume, seen_through", [("ShaderNodeVolumeScatter", True), (None, False)])
-def test_a_volume_alone_is_passed_through_and_nothing_at_all_is_black(tree, volume, seen_through):
+@pytest.mark.parametrize("surface", [None, "ShaderNodeHoldout"])
+@pytest.mark.parametrize("volume", [None, "ShaderNodeVolumeScatter", "ShaderNodeBsdfDiffuse"])
+def test_a_volume_alone_is_passed_through_and_nothing_at_all_is_black(tree, volume, surface):
     tree, output, export = tree
-    if volume is not None:
-        tree.links.new(tree.nodes.new(volume).outputs[0], output.inputs["Volume"])
-    material, warnings, _ = export()
-    if seen_through:
-        assert material["nodes"][material["surface"]] == {"type": "transparent", "color": [1.0, 1.0, 1.0]}
-        assert ["volume is not supported" in warning for warning in warnings] == [True]
+    for kind, socket in ((volume, "Volume"), (surface, "Surface")):
+        if kind is not None:
+            tree.links.new(tree.nodes.new(kind).outputs[0], output.inputs[socket])
+    material = export()[0]
+    if volume is None:
+        assert material["surface"] is None and "volume" not in material
     else:
-        assert material["surface"] is None
+        # Surfaces do nothing within a medium, but there is one.
+        expected = "volume_scatter" if "Scatter" in volume else "add_shader"
+        assert material["nodes"][material["volume"]]["type"] == expected
+        assert (material["surface"] is None) == (surface is None)
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="the convention of normal maps is new in Blender 5.2")

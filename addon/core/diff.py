@@ -19,6 +19,7 @@ PARTS = {
     ("object", "details"): "Modifiers of '{name}' changed",
     ("object", "materials"): "'{name}' has other materials",
     ("object", "visibility"): "Visibility of '{name}' changed",
+    ("object", "scatter"): "Visibility of '{name}' changed",
     ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",
     ("object", "pose"): "'{name}' has another pose",
     ("data", "shape"): "Geometry '{name}' changed",
@@ -33,6 +34,7 @@ PARTS = {
     ("image", "file"): "The file of image '{name}' changed",
     ("world", "shape"): "The world changed",
     ("world", "color"): "The world changed",
+    ("space", "volume"): "The volume of the world changed",
     ("camera", "place"): "The camera moved",
     ("camera", "lens"): "Lens or focus of the camera changed",
     ("settings", "paths"): "Bounces or filters of the render settings changed",
@@ -49,7 +51,19 @@ PARTS = {
 LATER = {"details", "origins", "lacking", "shading", "override", "volumes"}
 """Parts that the first bakes do not have: there they make no sentence."""
 ORDER = (
-    *("camera", "film", "settings", "collections", "world", "object", "helper", "collection", "instanced", "nodes"),
+    *(
+        "camera",
+        "film",
+        "settings",
+        "collections",
+        "world",
+        "space",
+        "object",
+        "helper",
+        "collection",
+        "instanced",
+        "nodes",
+    ),
     *("texture", "particles", "data", "volume", "material", "image", "sequences", "smoke"),
 )
 

@@ -54,6 +54,12 @@ class GeometryExporter:
         return number
 
 
+def is_open(mesh: bpy.types.Mesh) -> bool:
+    """True if a mesh has an edge of one face alone, so that it encloses nothing."""
+    faces = np.bincount(_attribute(mesh, ".corner_edge"), minlength=1)
+    return bool((faces == 1).any())
+
+
 def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> dict[str, Any]:
     """The arrays that `SceneBuilder.add_mesh` takes, one copy each; attributes of `attribute_names` are among the
     colours. Attributes are read by their stored arrays: `vertices.co` and its like are up to 300 times slower."""

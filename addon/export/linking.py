@@ -8,14 +8,20 @@ from functools import cached_property
 import bpy
 
 from ..core.receivers import RECEIVER_LIMIT, numbers_of
+from .materials.graph import has_volume
 
+SPACE = "\tspace"
+"""Name of the world's medium among the objects; no collection can hold it."""
 NEVER_LIT = frozenset({"LIGHT", "CAMERA", "LIGHT_PROBE", "SPEAKER"})
 
 
 def receiver_names(scene: bpy.types.Scene) -> list[str]:
     """Full names of the objects that light linking counts, in order: all that have a surface or may instance one. Lamps
-    and cameras have no number, so that those of surfaces, which a bake depends on, stay when a lamp comes or goes."""
-    return [obj.name_full for obj in scene.objects if obj.type not in NEVER_LIT]
+    and cameras have no number, so that those of surfaces, which a bake depends on, stay when a lamp comes or goes. A
+    medium that fills all space is the last."""
+    objects = [obj.name_full for obj in scene.objects if obj.type not in NEVER_LIT]
+    worlds = [scene.world, *(layer.world_override for layer in scene.view_layers)]
+    return [*objects, SPACE] if any(map(has_volume, filter(None, worlds))) else objects
 
 
 class LightLinking:
@@ -36,6 +42,11 @@ class LightLinking:
         """Number of the object that an instance belongs to: its instancer where it has one."""
         number = self.numbers.get(owner.name_full, self.numbers.get(obj.name_full, RECEIVER_LIMIT - 1))
         return min(number, RECEIVER_LIMIT - 1)
+
+    @property
+    def space_number(self) -> int:
+        """Number of the world's medium."""
+        return min(self.numbers.get(SPACE, 0), RECEIVER_LIMIT - 1)
 
     def receivers(self, light: bpy.types.Object) -> list[int] | None:
         """Sorted receiver numbers of a light; None if it shines on everything."""

@@ -13,14 +13,14 @@ import numpy as np
 
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
-from .geometry import GeometryExporter
+from .geometry import GeometryExporter, is_open
 from .images import ImageExporter
 from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
 from .volumes import VolumeExporter, density_factor, smoke_domain
-from .world import WorldRenderError, export_world
+from .world import Space, WorldRenderError, export_world, world_of
 from .world_graph import WorldGraph
 
 UNSUPPORTED_TYPES = {
@@ -144,7 +144,10 @@ class _SceneExporter:
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
                 self._export_geometry(instance)
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
-        export_world(self.builder, self.images, self._world_texture, scene, view_layer)
+        world = world_of(scene, view_layer)
+        volume = self.materials.world_volume(world) if world is not None else None
+        space = Space(volume, self.linking.space_number)
+        export_world(self.builder, self.images, self._world_texture, scene, view_layer, space)
 
     def _world_texture(self, world: WorldGraph, name: str) -> int:
         return self.builder.add_texture(name, self.render_world(world), encoding="linear", alpha="none")
@@ -188,6 +191,8 @@ class _SceneExporter:
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
         self._warn_about_attributes(obj, mesh, materials)
+        if self.materials.filled.intersection(materials) and is_open(obj.data):
+            self.builder.warn(f"object '{obj.name}': its mesh is open; rays that pass the hole miss or keep its volume")
         settings = {
             "receiver": self.linking.receiver_number(obj.original, owner),
             "color": tuple(value if isfinite(value) else 0.0 for value in obj.color),
@@ -195,6 +200,7 @@ class _SceneExporter:
             "shadow_terminator_offset": shadow_terminator(obj)[0],
             "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
+            "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
         return _Shared(obj.name, materials, settings)
 

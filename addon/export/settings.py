@@ -31,6 +31,7 @@ def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[
                 "diffuse": cycles.diffuse_bounces,
                 "glossy": cycles.glossy_bounces,
                 "transmission": cycles.transmission_bounces,
+                "volume": cycles.volume_bounces,
                 "transparent": cycles.transparent_max_bounces,
                 # Until 5.0, Cycles' paths went through one more than its lights.
                 "more_transparent": int(bpy.app.version < (5, 0, 0)),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 from mathutils import Euler, Matrix
 
 from .images import ImageExporter, note_on
 from .materials.coordinates import is_mapped
-from .materials.graph import Source, is_implied, resolve, surface_socket, used_tree
+from .materials.graph import Source, is_implied, surface_socket, used_tree
 from .world_graph import UnsupportedNodeError, WorldGraph, WorldReader, place_of
 
 BLACK = [0.0, 0.0, 0.0]
@@ -31,6 +31,16 @@ class WorldRenderError(Exception):
     """Cycles could not render a world; the message says why."""
 
 
+class Space(NamedTuple):
+    """The medium that fills all space."""
+
+    volume: int | None = None
+    """Number of a material with its volume; None if there is none."""
+    receiver: int = 0
+    """Its number for light linking."""
+
+
+NO_SPACE = Space()
 TextureOf = Callable[[WorldGraph, str], Any]
 """Number of a texture of a world, rendered over all directions; the name is for messages. Raises WorldRenderError."""
 
@@ -46,13 +56,14 @@ def export_world(
     texture_of: TextureOf,
     scene: bpy.types.Scene,
     view_layer: bpy.types.ViewLayer,
+    space: Space = NO_SPACE,
 ) -> None:
     """Sets the world of `builder` and warns of parts that cannot be represented."""
     world = world_of(scene, view_layer)
     if world is None:
         builder.set_world(BLACK)
         return
-    exporter = _WorldExporter(builder, images, texture_of, world, scene.render.film_transparent)
+    exporter = _WorldExporter(builder, images, texture_of, world, scene.render.film_transparent, space)
     exporter.warn_of_settings(scene)
     exporter.run()
 
@@ -67,7 +78,9 @@ class _WorldExporter:
         texture_of: TextureOf,
         world: bpy.types.World,
         film_transparent: bool,
+        space: Space,
     ):
+        self.space = space
         self.builder = builder
         self.images = images
         self.texture_of = texture_of
@@ -101,9 +114,6 @@ class _WorldExporter:
             self._set(BLACK)
             return
         surface, context = output
-        volume = surface.node.inputs.get("Volume")
-        if volume is not None and resolve(volume, context):
-            self._warn("its volume is not supported yet; left out")
         source = self.reader.follow(surface, context)
         if not (isinstance(source, Source) and self._background(source)):
             emission = self.reader.emission(surface, context)
@@ -202,7 +212,9 @@ class _WorldExporter:
 
     def _set(self, color: list[float], texture: Any = None, matrix: Matrix | None = None) -> None:
         rows = [list(row) for row in (matrix or Matrix.Identity(3))]
-        self.builder.set_world(color, texture=texture, texture_from_world=rows, visible_camera=self.visible_camera)
+        space = {} if self.space.volume is None else self.space._asdict()
+        visible = self.visible_camera
+        self.builder.set_world(color, texture=texture, texture_from_world=rows, visible_camera=visible, **space)
 
     def _warn(self, message: str) -> None:
         self.builder.warn(f"world '{self.world.name}': {message}")

@@ -3,9 +3,13 @@
 // Length of escaped segments in metres, up to a factor of 0.57: beyond every light, and harmless in f32.
 const FAR = 1e8;
 
-// Bits of a record's second word.
-const PATH_START = 1u << 16u;
+// Bits of a record's second word: its segment continues the ray of the one before, it escapes.
+const CONTINUES = 1u << 16u;
 const ESCAPED = 1u << 17u;
+// Bits of which a segment that starts at the camera's position has none.
+const NOT_FROM_CAMERA = 0x1du << 16u;
+// Code of a camera segment behind an origin record.
+const CAMERA_BEHIND_ORIGIN = 5u;
 
 // Map from grid coordinates to world space, metres.
 struct Grid {
@@ -27,8 +31,14 @@ fn decode_escape(xy: u32) -> vec3f {
     return vec3f(uv + select(vec2f(-fold), vec2f(fold), uv >= vec2f(0.0)), z);
 }
 
+fn starts_at_camera(z_flags: u32) -> bool {
+    return (z_flags & NOT_FROM_CAMERA) == 0u;
+}
+
+// Number of the lobe; what is above 4 is not a segment.
 fn lobe_code(z_flags: u32) -> u32 {
-    return (z_flags >> 18u) & 7u;
+    let code = (z_flags >> 18u) & 7u;
+    return select(code, 0u, code == CAMERA_BEHIND_ORIGIN);
 }
 
 fn receiver(z_flags: u32) -> u32 {

@@ -19,6 +19,8 @@ struct Group {
     first_block: u32,
     end_block: u32,
     first_shard: u32,
+    // How much less a segment's number in `behind` is.
+    behind_shift: u32,
     // 1 / samples of all paths, the first half, the second half.
     scales: array<f32, 3>,
 }
@@ -42,8 +44,10 @@ var<immediate> arguments: Arguments;
 @group(0) @binding(4) var<storage, read> bounds: array<Bounds>;
 @group(0) @binding(5) var<storage, read> shards: array<Shard>;
 @group(0) @binding(6) var<storage, read> pixel_groups: array<Group>;
+// Metres from where the rays of segments that continue them began to where these segments do.
+@group(0) @binding(7) var<storage, read> behind: array<f32>;
 // Image by image.
-@group(0) @binding(7) var<storage, read_write> images: array<f32>;
+@group(0) @binding(8) var<storage, read_write> images: array<f32>;
 
 // Fixed-point numbers of 64 bits, 32 of them behind the point: of each light and channel the high words of all pixels, then
 // the low words.
@@ -81,7 +85,7 @@ fn add_blocks(
             if i >= count {
                 break;
             }
-            visit(found[i].x * BLOCK + thread % BLOCK, found[i].y, pixel_groups[number].first_shard);
+            visit(found[i].x * BLOCK + thread % BLOCK, found[i].y, number);
         }
         workgroupBarrier();
     }
@@ -103,15 +107,14 @@ fn find(block: u32) {
     }
 }
 
-fn visit(index: u32, touching: u32, first_shard: u32) {
+fn visit(index: u32, touching: u32, number: u32) {
     let words = segments[index];
     if arguments.paths != 0u && (words.w >> 31u) != arguments.paths - 1u {
         return;
     }
-    let shard = shards[first_shard + ((words.w >> 24u) & 127u)];
+    let shard = shards[pixel_groups[number].first_shard + ((words.w >> 24u) & 127u)];
     let grid = Grid(shard.step, shard.minimum);
-    let is_first = (words.y & PATH_START) != 0u;
-    let origin = select(decode_position(words.z, words.w, grid), shard.camera, is_first);
+    let origin = select(decode_position(words.z, words.w, grid), shard.camera, starts_at_camera(words.y));
     var edge = decode_position(words.x, words.y, grid) - origin;
     if (words.y & ESCAPED) != 0u {
         edge = decode_escape(words.x);
@@ -120,7 +123,12 @@ fn visit(index: u32, touching: u32, first_shard: u32) {
     for (var i = 0u; i < LIGHTS; i++) {
         let light = arguments.first_light + i;
         if ((touching >> i) & 1u) != 0u && is_near(light, s) {
-            let factor = weight(light, s);
+            var factor = 0.0;
+            if (words.y & CONTINUES) == 0u {
+                factor = weight(light, s);
+            } else {
+                factor = piece_weight(light, s, behind[index - pixel_groups[number].behind_shift]);
+            }
             if factor != 0.0 {
                 let value = decode_rgb9e5(throughput[index]) * (factor * bitcast<f32>(0x7f000000u - unit(light)));
                 let pixel = (words.w >> 16u) & 255u;

@@ -97,6 +97,19 @@ fn weight(light: u32, s: Segment) -> f32 {
     return factor * profile(light, s);
 }
 
+// What a piece of a ray is weighted with that began `behind` metres before (`rust/gather/src/piece.rs`): nothing of a light
+// that the ray has crossed before.
+fn piece_weight(light: u32, s: Segment, behind: f32) -> f32 {
+    let to_start = s.edge * (behind / sqrt(s.length2));
+    let origin = s.origin - to_start;
+    // Suns are beyond all that does not escape.
+    let is_sun = lights[light].kind == SUN;
+    if !is_sun && profile(light, segment(origin, to_start, s.z_flags)) != 0.0 {
+        return 0.0;
+    }
+    return weight(light, segment(origin, to_start + s.edge, s.z_flags));
+}
+
 // Factor of a light on what segments with these flags see of it; 0 for those that it leaves out.
 fn factor(light: u32, z_flags: u32) -> f32 {
     let lobe = lobe_code(z_flags);

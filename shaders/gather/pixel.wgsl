@@ -37,28 +37,58 @@ fn visit_quad(quad: u32, part: Part, shard: Shard, first_light: u32, count: u32)
     var previous = decode_position(position_xy[before].w, position_z_flags[before].w, grid);
     for (var i = 0u; i < 4u; i++) {
         let record = quad * 4u + i;
-        let origin = select(previous, shard.camera, (z_flags[i] & PATH_START) != 0u);
+        let origin = select(previous, shard.camera, starts_at_camera(z_flags[i]));
         previous = decode_position(xy[i], z_flags[i], grid);
         if record >= part.start && record < part.end {
             var edge = previous - origin;
             if (z_flags[i] & ESCAPED) != 0u {
                 edge = decode_escape(xy[i]);
             }
-            visit_segment(record, segment(origin, edge, z_flags[i]), first_light, count);
+            visit_segment(record, segment(origin, edge, z_flags[i]), shard, first_light, count);
         }
     }
 }
 
-fn visit_segment(record: u32, s: Segment, first_light: u32, count: u32) {
+fn visit_segment(record: u32, s: Segment, shard: Shard, first_light: u32, count: u32) {
     for (var i = 0u; i < LIGHTS; i++) {
         if i >= count {
             break;
         }
         if is_near(first_light + i, s) {
-            let factor = weight(first_light + i, s);
+            var factor = 0.0;
+            if (s.z_flags & CONTINUES) == 0u {
+                factor = weight(first_light + i, s);
+            } else {
+                factor = piece_weight(first_light + i, s, behind(record, s.origin, shard));
+            }
             if factor != 0.0 {
                 sums[i] += decode_rgb9e5(throughput[record]) * factor;
             }
         }
     }
+}
+
+// Metres from where the ray of a segment that continues one began to `start`, where the segment does.
+fn behind(record: u32, start: vec3f, shard: Shard) -> f32 {
+    var first = record;
+    while first > 0u && (z_flags_of(first) & CONTINUES) != 0u {
+        first--;
+    }
+    return distance(start_of(first, shard), start);
+}
+
+// Where the segment of a record starts.
+fn start_of(record: u32, shard: Shard) -> vec3f {
+    if record == 0u || starts_at_camera(z_flags_of(record)) {
+        return shard.camera;
+    }
+    return decode_position(xy_of(record - 1u), z_flags_of(record - 1u), Grid(shard.step, shard.minimum));
+}
+
+fn xy_of(record: u32) -> u32 {
+    return position_xy[record / 4u][record % 4u];
+}
+
+fn z_flags_of(record: u32) -> u32 {
+    return position_z_flags[record / 4u][record % 4u];
 }

@@ -68,21 +68,22 @@ fn add_record(record: u32, shard: Shard, scale: f32) {
     if weight == 0.0 || (soft.kind == SUN && !is_escape) {
         return;
     }
-    let grid = Grid(shard.step, shard.minimum);
-    var origin = shard.camera;
-    if (z_flags & PATH_START) == 0u {
-        origin = decode_position(xy_of(record - 1u), z_flags_of(record - 1u), grid);
-    }
+    let origin = start_of(record, shard);
     var edge = decode_escape(xy_of(record));
     if !is_escape {
-        edge = decode_position(xy_of(record), z_flags, grid) - origin;
+        edge = decode_position(xy_of(record), z_flags, Grid(shard.step, shard.minimum)) - origin;
     }
     let length2 = dot(edge, edge);
     if length2 == 0.0 || !comes_near(origin, edge, length2) {
         return;
     }
     let length = sqrt(length2);
-    evaluate(Ray(origin, edge / length, length));
+    let direction = edge / length;
+    var start = 0.0;
+    if (z_flags & CONTINUES) != 0u {
+        start = behind(record, origin, shard);
+    }
+    evaluate(Ray(origin - direction * start, direction, start, start + length));
     let rgb = decode_rgb9e5(throughput[record]) * weight;
     for (var i = 0u; i < OUTPUTS; i++) {
         sums[i] += rgb * outputs[i];
@@ -93,12 +94,4 @@ fn comes_near(origin: vec3f, edge: vec3f, length2: f32) -> bool {
     let to_center = soft.center - origin;
     let nearest = to_center - edge * clamp(dot(to_center, edge) / length2, 0.0, 1.0);
     return soft.kind == SUN || dot(nearest, nearest) <= soft.reach2;
-}
-
-fn xy_of(record: u32) -> u32 {
-    return position_xy[record / 4u][record % 4u];
-}
-
-fn z_flags_of(record: u32) -> u32 {
-    return position_z_flags[record / 4u][record % 4u];
 }

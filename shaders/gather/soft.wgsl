@@ -60,10 +60,12 @@ const GRAZING = 1e-4;
 // Of the segment that was looked at last.
 var<private> outputs: array<f32, OUTPUTS>;
 
+// A piece of a ray: where the ray begins and goes, and how far along it the piece starts and ends.
 struct Ray {
     origin: vec3f,
     direction: vec3f,
-    length: f32,
+    start: f32,
+    end: f32,
 }
 
 // Fills `outputs`.
@@ -109,9 +111,9 @@ fn ahead(distance: f32) -> vec2f {
     return cubic(distance * scale + 0.5) * vec2f(1.0, scale);
 }
 
-// Whether a point at a distance along a segment lies on it, and the derivative by the distance.
-fn between(distance: f32, length: f32) -> vec2f {
-    return ahead(distance) - ahead(distance - length);
+// Whether a point at a distance along a ray lies on the piece, and the derivative by the distance.
+fn between(distance: f32, ray: Ray) -> vec2f {
+    return ahead(distance - ray.start) - ahead(distance - ray.end);
 }
 
 struct Chord {
@@ -120,18 +122,24 @@ struct Chord {
     by_half: f32,
 }
 
-fn crossed(along: f32, half: f32, length: f32, two_sided: f32) -> Chord {
+fn crossed(along: f32, half: f32, ray: Ray, two_sided: f32) -> Chord {
+    let leaves_from = leaving(half, ray.start, two_sided);
+    let leaves_to = leaving(half, ray.end, two_sided);
+    let a = ahead(along - leaves_from.x);
+    let b = ahead(along - leaves_to.x);
+    let c = ahead(along - half - ray.start);
+    let d = ahead(along - half - ray.end);
+    let sum = a - b + c - d;
+    return Chord(sum.x, sum.y, b.y * leaves_to.y - a.y * leaves_from.y - c.y + d.y);
+}
+
+// How far the centre may lie beyond the origin at most so that a ray of this length does not leave the ball, and the derivative
+// by the half chord.
+fn leaving(half: f32, length: f32, two_sided: f32) -> vec2f {
     let low = -two_sided * half;
     let leaving = min(length - half, half);
-    let middle = max(leaving, low);
     let by_leaving = select(-1.0, 1.0, 2.0 * half < length);
-    let middle_by_half = select(by_leaving, -two_sided, leaving < low);
-    let a = ahead(along - low);
-    let b = ahead(along - middle);
-    let c = ahead(along - half);
-    let d = ahead(along - half - length);
-    let sum = a - b + c - d;
-    return Chord(sum.x, sum.y, a.y * two_sided + b.y * middle_by_half - c.y + d.y);
+    return vec2f(max(leaving, low), select(by_leaving, -two_sided, leaving < low));
 }
 
 // Half of the chord as a share of the radius, continued beyond the rim.
@@ -175,7 +183,7 @@ fn sphere(ray: Ray, two_sided: f32) -> Round {
     let x = dot(across, across) * inverse2;
     let disk = rim(x, size.edge);
     let chord = half_chord(x, size.edge);
-    let window = crossed(along, chord.value * soft.radius, ray.length, two_sided);
+    let window = crossed(along, chord.value * soft.radius, ray, two_sided);
     let by_chord = disk.value * window.by_half * soft.radius;
     let by_x = disk.by_x * window.value + by_chord * chord.by_x;
     let by_edge = disk.by_edge * window.value + by_chord * chord.by_edge;
@@ -198,7 +206,7 @@ fn facing_disk(ray: Ray) -> Round {
     let tilt = across2 * nearness;
     let x = across2 * (1.0 + tilt) * inverse2;
     let disk = rim(x, size.edge);
-    let window = between(along * (1.0 + tilt), ray.length);
+    let window = between(along * (1.0 + tilt), ray);
     let by_x = disk.by_x * window.x;
     let by_crossing = disk.value * window.y;
     let value = size.share * (disk.value * window.x);
@@ -261,7 +269,7 @@ fn put_area(ray: Ray) {
     let cos = -dot(ray.direction, normal);
     let inverse_cos = 1.0 / max(cos, GRAZING);
     let distance = -dot(to_center, normal) * inverse_cos;
-    let window = between(distance, ray.length);
+    let window = between(distance, ray);
     let front = emission(cos, inverse_cos);
     // The crossing relative to the centre, in the plane.
     let crossing = ray.direction * distance - to_center;

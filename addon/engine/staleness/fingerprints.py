@@ -21,7 +21,8 @@ from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
 from ...export.images import frame_of, numbered_path, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
-from ...export.materials.graph import used_tree
+from ...export.materials import MaterialExporter
+from ...export.materials.graph import has_volume, used_tree
 from ...export.plain import plain
 from ...export.scene import shadow_terminator
 from ...export.view_layer import render_layer
@@ -60,7 +61,7 @@ def keys_of_block(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     if isinstance(found, bpy.types.Camera):
         return ["camera"]
     if isinstance(found, bpy.types.World):
-        return ["world"]
+        return ["world", "space"]
     if isinstance(found, bpy.types.Scene):
         return list(ONE_OF_A_KIND)
     if isinstance(found, bpy.types.Key):
@@ -68,7 +69,7 @@ def keys_of_block(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     kind = _kind(found)
     own = [f"{kind} {found.name_full}"] if kind else []
     if isinstance(found, bpy.types.Image):
-        return [*own, "world"]
+        return [*own, "world", "space"]
     if isinstance(found, bpy.types.Material):
         return [*own, "sequences"]
     is_collection = isinstance(found, bpy.types.Collection)
@@ -232,6 +233,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
         "visibility": hashed([getattr(obj, f"visible_{name}") for name in visible]),
         "shading": hashed([*obj.color, obj.pass_index, *shadow_terminator(obj)]),
     }
+    if not obj.visible_volume_scatter:
+        found["scatter"] = "hidden"
     if obj.data is not None:
         found["data"] = obj.data.name_full
     elif obj.instance_collection is not None:
@@ -421,6 +424,15 @@ class _WorldRecorder:
         path = path_of(image, settings, self.frame) if image.source == "SEQUENCE" else image.filepath
         return repr([image.name_full, path, image.colorspace_settings.name, image.alpha_mode])
 
+    def missing(self, _owner: str) -> str:
+        """Stands for an image that is not there."""
+        return ""
+
+    def add_material(self, text: str) -> int:
+        """Records a material, as of the world's volume; called like the scene builder's method."""
+        self.shape.append(text)
+        return 0
+
     def texture_of(self, graph: WorldGraph, _name: str) -> str:
         """Identifies a world's node graph by its text, in place of rendering it."""
         return graph.text
@@ -441,12 +453,23 @@ def world(scene: bpy.types.Scene) -> Fingerprint:
     return {"shape": hashed(recorder.shape), "color": color_text(recorder.color)}
 
 
+def _space(scene: bpy.types.Scene) -> Fingerprint:
+    """Fingerprint of the medium that fills all space."""
+    found = world_of(scene, render_layer(scene))
+    if found is None or not has_volume(found):
+        return {"volume": ""}
+    recorder: Any = _WorldRecorder(scene.frame_current)
+    MaterialExporter(recorder, recorder).world_volume(found)
+    return {"volume": hashed(recorder.shape)}
+
+
 ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Fingerprint | None]] = {
     "camera": _camera,
     "film": _film,
     "settings": _settings,
     "collections": _collections,
     "world": world,
+    "space": _space,
     "sequences": _sequences,
     "smoke": _smoke,
 }

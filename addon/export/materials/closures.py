@@ -109,6 +109,10 @@ def _add(t: Translation, node: bpy.types.Node, context: Context) -> int:
     return t.emit({"type": "add_shader", "a": a, "b": b})
 
 
+MIX: TranslateClosure = _mix
+ADD: TranslateClosure = _add
+
+
 def _diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
     is_smooth = t.value(node, "Roughness", context, 0.0) == 0.0
     kind = "diffuse" if is_smooth or bpy.app.version >= (4, 3, 0) else "single_scattering_diffuse"
@@ -170,8 +174,13 @@ CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),
     "ShaderNodeEmission": EMISSION,
     "ShaderNodeBackground": EMISSION,
-    "ShaderNodeMixShader": _mix,
-    "ShaderNodeAddShader": _add,
+    "ShaderNodeMixShader": MIX,
+    "ShaderNodeAddShader": ADD,
+    # Media have no surface.
+    "ShaderNodeVolumePrincipled": _nothing,
+    "ShaderNodeVolumeScatter": _nothing,
+    "ShaderNodeVolumeAbsorption": _nothing,
+    "ShaderNodeVolumeCoefficients": _nothing,
 }
 
 FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
@@ -183,7 +192,4 @@ FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
     "ShaderNodeBsdfHairPrincipled": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfRayPortal": ("black", _nothing),
     "ShaderNodeHoldout": ("black", _nothing),
-    "ShaderNodeVolumePrincipled": ("black", _nothing),
-    "ShaderNodeVolumeScatter": ("black", _nothing),
-    "ShaderNodeVolumeAbsorption": ("black", _nothing),
 }

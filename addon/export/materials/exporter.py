@@ -12,16 +12,20 @@ import bpy
 
 from ..images import ImageExporter
 from .closures import CLOSURES, FALLBACK_CLOSURES
+from .graph import used_tree
 from .translation import DEFAULT_SURFACE, NodeTables, Translation
 from .values import VALUES, asked_of
+from .volumes import VOLUMES
 
-TABLES = NodeTables(CLOSURES, FALLBACK_CLOSURES, VALUES)
+TABLES = NodeTables(CLOSURES, FALLBACK_CLOSURES, VOLUMES, VALUES)
 
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
 NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 """Exceptions of a graph that holds something unforeseen."""
 DEEPEST = 10_000
 """Calls within calls while a graph is followed, about seven for each node."""
+FINE_STEPS = 0.1
+"""Step rate up to which Cycles' march through media is right to some 1 %."""
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
 """Fields of closures by their type, and the values that do nothing."""
 
@@ -36,6 +40,8 @@ class MaterialExporter:
         self.numbers: dict[str | None, int] = {}
         self.emissive: set[int] = set()
         """Numbers of those that may emit light."""
+        self.filled: set[int] = set()
+        """Numbers of those with a volume."""
         self.attributes: dict[int, dict[str, str]] = {}
         """Names of attributes that a material reads from meshes, with the material and node for messages, by the
         material's number."""
@@ -46,6 +52,24 @@ class MaterialExporter:
         if key not in self.numbers:
             self.numbers[key] = self._export(material, object_name)
         return self.numbers[key]
+
+    def world_volume(self, world: bpy.types.World) -> int | None:
+        """Number of a material whose volume is that of a world; None if it has none."""
+        translation = Translation(self.builder, self.images, TABLES, None, "")
+        translation.title, translation.owner = world.name, f"world '{world.name}'"
+        try:
+            with _deep_recursion():
+                volume = translation.volume(used_tree(world))
+            if not volume:
+                return None
+            description = {"name": world.name, "nodes": translation.nodes, "surface": None, **volume}
+            if not _is_finite(description):
+                translation.warn("a value of its volume is not a finite number; left out")
+                return None
+            return int(self.builder.add_material(json.dumps(description)))
+        except NOT_UNDERSTOOD as error:
+            translation.warn(f"the nodes of its volume are not understood ({error}); left out")
+            return None
 
     def _export(self, material: bpy.types.Material | None, object_name: str) -> int:
         translation = Translation(self.builder, self.images, TABLES, material, object_name)
@@ -69,7 +93,23 @@ class MaterialExporter:
         }
         if _any(description, EMISSION):
             self.emissive.add(number)
+        if "volume" in description:
+            self.filled.add(number)
+            if translation.medium_varies and _marches(material):
+                translation.warn(
+                    "its volume varies, and Cycles of this Blender goes through it in coarse steps: there it lets more "
+                    "light through; a Step Rate of 0.1 comes close"
+                )
         return number
+
+
+def _marches(material: bpy.types.Material | None) -> bool:
+    """True if Cycles goes through a medium that varies in steps that are too long to be right."""
+    cycles, scene = getattr(material, "cycles", None), getattr(bpy.context.scene, "cycles", None)
+    if cycles is None or scene is None or not (bpy.app.version < (5, 0, 0) or scene.volume_biased):
+        return False
+    is_coarse = cycles.volume_step_rate * scene.volume_step_rate > FINE_STEPS
+    return bool(is_coarse or getattr(cycles, "homogeneous_volume", False))
 
 
 @contextmanager

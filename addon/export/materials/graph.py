@@ -245,6 +245,17 @@ def resolve(socket: bpy.types.NodeSocket, context: Context) -> Source | None:
     return source if isinstance(source, Source) else None
 
 
+def has_volume(block: bpy.types.ID) -> bool:
+    """True if a material or world has a medium."""
+    tree = used_tree(block)
+    output = surface_socket(tree) if tree is not None else None
+    if output is None:
+        return False
+    surface, context = output
+    volume = surface.node.inputs.get("Volume")
+    return volume is not None and resolve(volume, context) is not None
+
+
 def is_implied(source: Source | Constant, socket: bpy.types.NodeSocket) -> bool:
     """True if a socket for a normal, tangent or texture vector has its default without a link."""
     if isinstance(source, Source):

@@ -34,6 +34,10 @@ TranslateValue = Callable[["Translation", Source], Any]
 """Translates a node that gives values; returns a link or a constant."""
 
 DEFAULT_SURFACE = {"type": "diffuse", "color": [0.8, 0.8, 0.8], "roughness": 0.0, "normal": None}
+NOTHING = {"type": "add_shader", "a": None, "b": None}
+"""A closure without effect."""
+VARYING = {"image_texture", "procedural", "texture_coordinate", "geometry"}
+"""Types of nodes whose values differ from place to place within a medium."""
 BUMP_WIDTH = 0.1 if bpy.app.version >= (4, 3, 0) else 1.0
 """Pixels over which Cycles takes differences of a displacement."""
 COMPUTED = {
@@ -49,6 +53,8 @@ class NodeTables(NamedTuple):
     closures: dict[str, TranslateClosure]
     fallback_closures: dict[str, tuple[str, TranslateClosure]]
     """Closures that are taken as others: words for the artist, and the function."""
+    volumes: dict[str, TranslateClosure]
+    """Closures of media."""
     values: dict[str, TranslateValue]
 
 
@@ -88,11 +94,37 @@ class Translation:
         """A link to the shading normal, where it is not the mesh's."""
         self.attributes: dict[str, str] = {}
         """Names of the mesh attributes that it reads, each with a node that does."""
+        self.medium_varies = False
+        """True if the volume has nodes whose values differ from place to place."""
+        self.in_medium = False
+        """True while the volume is translated, where meshes have no attributes."""
 
     def run(self) -> dict[str, Any]:
         """The JSON form of the material."""
         surface = self._surface()
-        return {"name": self.title, "nodes": self.nodes, "surface": surface}
+        tree = used_tree(self.material) if self.material is not None else None
+        volume = self.volume(tree)
+        if volume and surface is None and self._has_surface(tree):
+            surface = self.emit(NOTHING)  # Black, where rays would pass without any.
+        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume}
+
+    def _has_surface(self, tree: bpy.types.NodeTree | None) -> bool:
+        output = surface_socket(tree) if tree is not None else None
+        return output is not None and resolve(*output) is not None
+
+    def volume(self, tree: bpy.types.NodeTree | None) -> dict[str, Any]:
+        """The medium of a tree as a field of the JSON form; none if nothing feeds its Volume socket."""
+        output = surface_socket(tree) if tree is not None else None
+        if output is None or not self._feeds("Volume", *output):
+            return {}
+        surface, context = output
+        self.in_medium, self.normal = True, None
+        self.done.clear()
+        first = len(self.nodes)
+        volume = self.shader(surface.node.inputs["Volume"], context)
+        self.medium_varies = any(node["type"] in VARYING for node in self.nodes[first:])
+        # Where nothing of it counts, there is still a hull that rays pass.
+        return {"volume": self.emit(NOTHING) if volume is None else volume}
 
     def _surface(self) -> int | None:
         material = self.material
@@ -105,10 +137,6 @@ class Translation:
         if output is None:
             return None
         surface, context = output
-        if self._feeds("Volume", surface, context):
-            self.warn("volume is not supported yet; left out")
-            if resolve(surface, context) is None:
-                return self.emit({"type": "transparent", "color": [1.0, 1.0, 1.0]})  # Cycles passes through it as well.
         if self._feeds("Displacement", surface, context):
             if material.displacement_method == "BUMP":
                 self.normal = self._displaced_normal(surface.node.inputs["Displacement"], context)
@@ -172,6 +200,9 @@ class Translation:
 
     def _closure(self, source: Source) -> int | None:
         kind = source.node.bl_idname
+        if self.in_medium:
+            translate = self.tables.volumes.get(kind)
+            return translate(self, source.node, source.context) if translate is not None else None
         if kind in self.tables.closures:
             return self.tables.closures[kind](self, source.node, source.context)
         if kind in self.tables.fallback_closures:

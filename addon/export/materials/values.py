@@ -306,6 +306,8 @@ def _attribute(t: Translation, source: Source) -> Any:
         t.warn(f"node '{node.name}': attributes of the {node.attribute_type.lower()} are not supported yet; black")
         return [0.0, 0.0, 0.0]
     name = attribute_name(node) or ""
+    if t.in_medium:
+        return _grid(t, source, name, output)
     if name == "" and node.bl_idname == "ShaderNodeAttribute":
         return 1.0 if output == "Alpha" else [0.0, 0.0, 0.0]
     if name:
@@ -316,6 +318,31 @@ def _attribute(t: Translation, source: Source) -> Any:
         number = t.once(source, lambda: {"type": "attribute", "name": name + FACTOR}, "factor")
         return {"node": number, "output": "value"}
     return {"node": t.once(source, lambda: {"type": "attribute", "name": name}), "output": output.lower()}
+
+
+def _grid(t: Translation, source: Source, name: str, output: str) -> Any:
+    """An attribute within a medium: a grid, 0 where an object has none of that name. Of a colour, its one number is the
+    mean."""
+    link = {"node": t.once(source, lambda: {"type": "attribute", "name": name}), "output": "vector"}
+    return _mean(t, source, link, "factor") if output == "Fac" else {**link, "output": output.lower()}
+
+
+def _mean(t: Translation, source: Source, link: dict[str, Any], part: str) -> dict[str, Any]:
+    """The mean of a vector, which is what becomes of it where it is a number."""
+    settings = {"operation": "ADD", "clamp": False, "b": 0.0, "c": 0.0}
+    return {"node": t.once(source, lambda: {"type": "math", "a": link, **settings}, part), "output": "value"}
+
+
+def _volume_info(t: Translation, source: Source) -> Any:
+    """Grids by their usual names, which surfaces do not have."""
+    output = source.socket.identifier
+    if not t.in_medium:
+        return [0.0] * 3 if output == "Color" else 0.0
+    name = output.lower()
+    node = t.once(source, lambda: {"type": "attribute", "name": name}, name)
+    if output == "Color":
+        return {"node": node, "output": "color"}
+    return _mean(t, source, {"node": node, "output": "vector"}, f"{name} mean")
 
 
 def asked_of(node: Any) -> list[str]:
@@ -438,6 +465,7 @@ VALUES: dict[str, TranslateValue] = {
     "ShaderNodeBump": _bump,
     "ShaderNodeVertexColor": _attribute,
     "ShaderNodeAttribute": _attribute,
+    "ShaderNodeVolumeInfo": _volume_info,
     "ShaderNodeMix": _mix,
     "ShaderNodeMixRGB": _mix_rgb,
     "ShaderNodeMath": _simple(

@@ -17,7 +17,8 @@
 //!
 //! A record is the segment from the end of the record before to its own position. The first segment of a path
 //! starts at the camera position, or at an *origin record* (lobe code 7, not a segment) where the camera is not a
-//! pinhole. Every pixel has exactly as many paths as the pass has samples, so half of them can be taken by path number.
+//! pinhole. A segment of throughput 0 only moves a path on. Segments behind transparent surfaces and null collisions
+//! *continue* a ray, which crosses a light once however many pieces it has. Every pixel has exactly as many paths as the pass has samples, so half of them can be taken by path number.
 //! Positions are 16-bit coordinates in the shard's bounding box ([`Grid`]), which the metadata holds with the tile, the
 //! samples, and a BLAKE3 checksum of everything.
 
@@ -25,6 +26,7 @@ mod dump;
 mod error;
 mod manifest;
 mod packing;
+mod records;
 mod samples;
 mod segment;
 mod shard;

@@ -12,26 +12,60 @@ const GRID_STEPS: f32 = 65535.0;
 
 /// The 16 flag bits of a record.
 ///
-/// Bit 0: first record of a path. Bit 1: the segment escapes. Bits 2-4: lobe, 7 for an origin record (not a
-/// segment: it carries the vertex that the next segment starts from). Bits 5-15: receiver.
+/// Bit 0: the segment continues the ray of the one before. Bit 1: the segment escapes. Bits 2-4: code of the lobe; 5
+/// for a camera segment that is neither the first record of its path nor continues another; 7 for an origin record (not
+/// a segment: the vertex that the next segment starts from). Bits 5-15: receiver.
+///
+/// The first record of a path needs no bit: it is an origin record, or else the camera's segment, with 0 in
+/// [`Flags::NOT_FROM_CAMERA`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flags(pub u16);
 
+/// Place that a segment starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Start {
+    /// Position of the camera: the first record of a path.
+    Camera,
+    /// End of the record before.
+    Vertex,
+    /// End of the record before, whose ray it continues.
+    Ray,
+}
+
 impl Flags {
+    /// Bits of which a segment that starts at the camera's position has none, and every other record some.
+    pub const NOT_FROM_CAMERA: u16 = 0b1_1101;
+
+    /// Code of a camera segment behind an origin record.
+    const CAMERA_BEHIND_ORIGIN: u16 = 5;
     const ORIGIN: u16 = 7;
 
-    /// Flags of a segment.
-    pub fn segment(path_start: bool, escaped: bool, lobe: Lobe, receiver: u16) -> Self {
-        Self(u16::from(path_start) | u16::from(escaped) << 1 | (lobe as u16) << 2 | receiver << 5)
+    /// Flags of a segment. Only one with [`Lobe::Camera`] can start at the camera.
+    pub(crate) fn segment(start: Start, escaped: bool, lobe: Lobe, receiver: u16) -> Self {
+        let code = match (start, lobe) {
+            (Start::Vertex, Lobe::Camera) => Self::CAMERA_BEHIND_ORIGIN,
+            _ => lobe as u16,
+        };
+        Self(u16::from(start == Start::Ray) | u16::from(escaped) << 1 | code << 2 | receiver << 5)
     }
 
     /// Flags of an origin record.
-    pub fn origin(path_start: bool) -> Self {
-        Self(u16::from(path_start) | Self::ORIGIN << 2)
+    pub(crate) fn origin() -> Self {
+        Self(Self::ORIGIN << 2)
     }
 
     /// True if this is the first record of a path.
     pub fn path_start(self) -> bool {
+        self.starts_at_camera() || self.is_origin()
+    }
+
+    /// True if this is a segment that starts at the camera's position, not at the end of the record before.
+    pub fn starts_at_camera(self) -> bool {
+        self.0 & Self::NOT_FROM_CAMERA == 0
+    }
+
+    /// True if the segment continues the ray of the one before ([`crate::Segment::continues`]).
+    pub fn continues(self) -> bool {
         self.0 & 1 != 0
     }
 
@@ -42,17 +76,19 @@ impl Flags {
 
     /// True if this is an origin record.
     pub fn is_origin(self) -> bool {
-        self.lobe_code() == Self::ORIGIN
+        self.code() == Self::ORIGIN
     }
 
-    /// The lobe bits as they are.
-    pub fn lobe_code(self) -> u16 {
+    fn code(self) -> u16 {
         self.0 >> 2 & 7
     }
 
     /// The lobe of a segment; none for origin records and illegal codes.
     pub fn lobe(self) -> Option<Lobe> {
-        Lobe::ALL.get(self.lobe_code() as usize).copied()
+        match self.code() {
+            Self::CAMERA_BEHIND_ORIGIN => Some(Lobe::Camera),
+            code => Lobe::ALL.get(usize::from(code)).copied(),
+        }
     }
 
     /// Receiver number.
@@ -245,11 +281,23 @@ mod tests {
 
     #[test]
     fn flags_keep_their_fields() {
-        let flags = Flags::segment(true, false, Lobe::Volume, RECEIVER_LIMIT - 1);
-        assert!(flags.path_start() && !flags.escaped() && !flags.is_origin());
-        assert_eq!((flags.lobe(), flags.receiver()), (Some(Lobe::Volume), RECEIVER_LIMIT - 1));
-        assert!(Flags::origin(false).is_origin());
-        assert_eq!(Flags::origin(true).lobe(), None);
-        assert_eq!(Flags(5 << 2).lobe(), None);
+        for (start, escaped, lobe) in [Start::Camera, Start::Vertex, Start::Ray]
+            .into_iter()
+            .flat_map(|start| [false, true].map(|escaped| (start, escaped)))
+            .flat_map(|(start, escaped)| Lobe::ALL.map(|lobe| (start, escaped, lobe)))
+            .filter(|&(start, _, lobe)| start != Start::Camera || lobe == Lobe::Camera)
+        {
+            let flags = Flags::segment(start, escaped, lobe, RECEIVER_LIMIT - 1);
+            assert_eq!((flags.lobe(), flags.receiver()), (Some(lobe), RECEIVER_LIMIT - 1));
+            let from_camera = start == Start::Camera;
+            assert_eq!((flags.path_start(), flags.starts_at_camera()), (from_camera, from_camera));
+            assert_eq!((flags.escaped(), flags.continues()), (escaped, start == Start::Ray));
+            assert!(!flags.is_origin());
+        }
+        let origin = Flags::origin();
+        assert!(
+            origin.is_origin() && origin.path_start() && !origin.starts_at_camera() && !origin.continues()
+        );
+        assert_eq!((origin.lobe(), Flags(6 << 2).lobe()), (None, None));
     }
 }

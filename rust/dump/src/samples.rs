@@ -62,6 +62,7 @@ pub(crate) struct SampleRecord {
     pub lobe: Option<Lobe>,
     pub receiver: u16,
     pub path_start: bool,
+    pub continues: bool,
 }
 
 /// The samples of one tile and one pass, in memory, as the tracer makes them: pixels row by row from the top
@@ -122,17 +123,31 @@ impl TileSamples {
             None => (End::Escape(Vec3::Z), Some(Lobe::Camera)),
         };
         self.path_is_empty = camera_vertex.is_none();
-        self.records.push(SampleRecord { end, throughput: Vec3::ZERO, lobe, receiver: 0, path_start: true });
+        self.records.push(SampleRecord {
+            end,
+            throughput: Vec3::ZERO,
+            lobe,
+            receiver: 0,
+            path_start: true,
+            continues: false,
+        });
     }
 
-    /// Appends a segment to the current path.
+    /// Appends a segment to the current path, whose first one is the camera's.
     pub fn push(&mut self, segment: Segment) {
-        let Segment { end, throughput, lobe, receiver } = segment;
+        let Segment { end, throughput, lobe, receiver, continues } = segment;
         if self.path_is_empty {
             self.records.pop();
         }
         let path_start = std::mem::take(&mut self.path_is_empty);
-        self.records.push(SampleRecord { end, throughput, lobe: Some(lobe), receiver, path_start });
+        self.records.push(SampleRecord {
+            end,
+            throughput,
+            lobe: Some(lobe),
+            receiver,
+            path_start,
+            continues,
+        });
     }
 
     /// Adds to the AOVs of the current pixel; once per path.

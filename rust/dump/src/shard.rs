@@ -10,8 +10,9 @@ use safetensors::tensor::{Dtype, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 
 use crate::packing::{self, Flags, Grid};
-use crate::samples::{AOV_CHANNELS, SampleRecord, TileSamples};
-use crate::{DumpError, End, Manifest, Pass, RECEIVER_LIMIT, TileRect};
+use crate::records::{bounds, check_samples, pack};
+use crate::samples::{AOV_CHANNELS, TileSamples};
+use crate::{DumpError, End, Manifest, Pass, TileRect};
 
 /// Key of the shard's description in the `safetensors` metadata.
 const HEADER_KEY: &str = "relume_dump";
@@ -80,13 +81,13 @@ impl Bytes {
 /// One record, decoded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecodedSegment {
-    /// Start of the segment, world space, metres.
+    /// Start of the segment, world space, metres; of the ray that it continues, see [`Shard::ray_origin`].
     pub origin: Vec3,
     /// End of the segment.
     pub end: End,
     /// RGB weight of what is emitted towards the origin along it.
     pub throughput: Vec3,
-    /// Flags: lobe, receiver, path start.
+    /// Flags: lobe, receiver, what it starts from.
     pub flags: Flags,
     /// Number of the path within the pixel and pass.
     pub path: u32,
@@ -289,14 +290,25 @@ impl Shard {
     pub fn segment(&self, record: usize) -> Option<DecodedSegment> {
         let (end, flags) = self.decode(record);
         flags.lobe()?;
-        let before = (!flags.path_start() && record > 0).then(|| self.decode(record - 1).0);
-        let origin = match before {
+        let throughput = packing::decode_rgb9e5(self.throughput()[record]);
+        Some(DecodedSegment { origin: self.start(record), end, throughput, flags, path: 0 })
+    }
+
+    /// Start of the ray that the segment of a record lies on: that of the first of the segments that it continues, or
+    /// its own.
+    pub fn ray_origin(&self, record: usize) -> Vec3 {
+        let continues = |&record: &usize| self.decode(record).1.continues();
+        let first = (1..=record).rev().find(|record| !continues(record));
+        self.start(first.unwrap_or(0))
+    }
+
+    fn start(&self, record: usize) -> Vec3 {
+        let before = (!self.decode(record).1.path_start() && record > 0).then(|| self.decode(record - 1).0);
+        match before {
             Some(End::Vertex(vertex)) => vertex,
             // Only in a damaged shard does a path go on after it has escaped.
             Some(End::Escape(_)) | None => self.camera_position(),
-        };
-        let throughput = packing::decode_rgb9e5(self.throughput()[record]);
-        Some(DecodedSegment { origin, end, throughput, flags, path: 0 })
+        }
     }
 
     fn decode(&self, record: usize) -> (End, Flags) {
@@ -331,6 +343,7 @@ impl Shard {
     fn pixel_fault(&self, pixel: usize, receivers: usize) -> Option<String> {
         let mut paths = 0;
         let mut path_ended = true;
+        let mut in_ray = false;
         for record in self.pixel(pixel) {
             let flags = self.decode(record).1;
             let illegal = |what: &str| Some(format!("record {record} of pixel {pixel} {what}"));
@@ -345,82 +358,17 @@ impl Shard {
             if path_ended && !flags.path_start() {
                 return illegal("continues a path that has ended");
             }
+            if flags.continues() && !in_ray {
+                return illegal("continues no ray");
+            }
             if receivers > 0 && usize::from(flags.receiver()) >= receivers {
                 return illegal("has an unknown receiver");
             }
             paths += u32::from(flags.path_start());
             path_ended = flags.escaped();
+            in_ray = !flags.is_origin() && !path_ended;
         }
         (paths != self.samples()).then(|| format!("pixel {pixel} has {paths} paths, not {}", self.samples()))
-    }
-}
-
-fn check_samples(manifest: &Manifest, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), String> {
-    let (rect, expected) = (manifest.tile_rect(tile), manifest.passes[pass].samples as usize);
-    if samples.rect() != rect || samples.aov.len() != rect.pixel_count() {
-        return Err(format!("{} of {} pixels, or another tile", samples.aov.len(), rect.pixel_count()));
-    }
-    if u32::try_from(samples.records.len()).is_err() {
-        return Err("more than 2^32 segments; use smaller tiles or passes".into());
-    }
-    let count = samples.records.len();
-    if samples.pixel_starts[0] != 0 {
-        return Err("a path was begun before the first pixel".into());
-    }
-    let ends = samples.pixel_starts[1..].iter().chain([&count]);
-    for (pixel, (&start, &end)) in samples.pixel_starts.iter().zip(ends).enumerate() {
-        let records = &samples.records[start..end];
-        let paths = records.iter().filter(|record| record.path_start).count();
-        if paths != expected || !records.first().is_some_and(|record| record.path_start) {
-            return Err(format!("pixel {pixel} has {paths} paths instead of {expected}"));
-        }
-        if let Some(reason) = records.iter().find_map(|record| record_fault(record, manifest)) {
-            return Err(format!("{reason} in pixel {pixel}"));
-        }
-        if !samples.aov[pixel].iter().all(|value| value.is_finite()) {
-            return Err(format!(
-                "an AOV is not finite in pixel {pixel}; lower the strength of what glows there, or in sight of it"
-            ));
-        }
-    }
-    Ok(())
-}
-
-fn record_fault(record: &SampleRecord, manifest: &Manifest) -> Option<&'static str> {
-    let finite = match record.end {
-        End::Vertex(vertex) => vertex.is_finite(),
-        End::Escape(direction) => direction.is_finite() && direction.length_squared() > 0.5,
-    };
-    if !finite || !record.throughput.is_finite() {
-        return Some("a segment is not finite");
-    }
-    let known = manifest.receivers.is_empty() || usize::from(record.receiver) < manifest.receivers.len();
-    (record.receiver >= RECEIVER_LIMIT || !known).then_some("a segment has an unknown receiver")
-}
-
-/// Box of all vertices; a box without extent at the origin if there are none.
-fn bounds(records: &[SampleRecord]) -> Grid {
-    let vertices = records.iter().filter_map(|record| match record.end {
-        End::Vertex(vertex) => Some(vertex),
-        End::Escape(_) => None,
-    });
-    let join = |grid: Grid, v: Vec3| Grid { min: grid.min.min(v), max: grid.max.max(v) };
-    let empty = Grid { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
-    let grid = vertices.fold(empty, join);
-    if grid.min.is_finite() { grid } else { Grid { min: Vec3::ZERO, max: Vec3::ZERO } }
-}
-
-fn pack(record: &SampleRecord, grid: &Grid) -> [u32; 2] {
-    let flags = |escaped| match record.lobe {
-        Some(lobe) => Flags::segment(record.path_start, escaped, lobe, record.receiver),
-        None => Flags::origin(record.path_start),
-    };
-    match record.end {
-        End::Vertex(vertex) => {
-            let [x, y, z] = grid.encode(vertex).map(u32::from);
-            [x | y << 16, z | u32::from(flags(false).0) << 16]
-        }
-        End::Escape(direction) => [packing::encode_direction(direction), u32::from(flags(true).0) << 16],
     }
 }
 

@@ -31,7 +31,8 @@ fn manifest() -> Manifest {
 }
 
 fn segment(end: End, lobe: Lobe, throughput: f32) -> Segment {
-    Segment { end, throughput: Vec3::splat(throughput), lobe, receiver: u16::from(lobe != Lobe::Camera) }
+    let receiver = u16::from(lobe != Lobe::Camera);
+    Segment { end, throughput: Vec3::splat(throughput), lobe, receiver, continues: false }
 }
 
 /// Pixel p, path k: camera -> (p, k, 0) -> (p, k, 10) -> escapes upwards.
@@ -118,6 +119,72 @@ fn paths_without_a_pinhole_start_at_their_camera_vertex() {
     let decoded: Vec<_> = shard.segments(0).collect();
     assert_eq!((decoded[0].origin, decoded[0].end), (Vec3::ONE, End::Vertex(Vec3::ZERO)));
     assert_eq!((decoded[1].path, decoded[1].throughput), (1, Vec3::ZERO));
+}
+
+/// One pixel of two paths, each camera -> (0, 0, 0) -> (0, 0, 1) -> (0, 0, 2) -> escapes, the last two straight on.
+fn rays(manifest: &Manifest, camera_vertex: Option<Vec3>) -> TileSamples {
+    let mut samples = TileSamples::new(manifest.tile_rect(0));
+    samples.begin_pixel();
+    for _ in 0..2 {
+        samples.begin_path(camera_vertex);
+        samples.push(segment(End::Vertex(Vec3::ZERO), Lobe::Camera, 1.0));
+        samples.push(segment(End::Vertex(Vec3::Z), Lobe::Diffuse, 1.0));
+        for end in [End::Vertex(2.0 * Vec3::Z), End::Escape(Vec3::Z)] {
+            samples.push(Segment { continues: true, ..segment(end, Lobe::Diffuse, 0.5) });
+        }
+    }
+    samples
+}
+
+#[test]
+fn segments_that_continue_a_ray_know_where_it_began() {
+    let near = |a: Vec3, b: Vec3| a.distance(b) < 1e-4;
+    for camera_vertex in [None, Some(Vec3::ONE)] {
+        let manifest = Manifest { width: 1, height: 1, ..manifest() };
+        let shard = Shard::encode(&manifest, 0, 0, &rays(&manifest, camera_vertex)).unwrap();
+        assert_eq!(shard.problems(2), Vec::<String>::new());
+        assert_eq!(shard.segments(0).map(|s| s.path).collect::<Vec<_>>(), [0, 0, 0, 0, 1, 1, 1, 1]);
+        let camera = camera_vertex.unwrap_or(shard.camera_position());
+        let segments = (0..shard.record_count()).filter_map(|record| Some((record, shard.segment(record)?)));
+        for (index, (record, segment)) in segments.enumerate() {
+            let (start, ray) = [
+                (camera, camera),
+                (Vec3::ZERO, Vec3::ZERO),
+                (Vec3::Z, Vec3::ZERO),
+                (2.0 * Vec3::Z, Vec3::ZERO),
+            ][index % 4];
+            assert!(near(segment.origin, start) && near(shard.ray_origin(record), ray), "{segment:?}");
+            assert_eq!(segment.flags.continues(), index % 4 > 1);
+        }
+    }
+}
+
+#[test]
+fn segments_that_continue_nothing_are_refused() {
+    let manifest = Manifest { width: 1, height: 1, ..manifest() };
+    let continuing = |lobe| Segment { continues: true, ..segment(End::Vertex(Vec3::ONE), lobe, 1.0) };
+    for camera_vertex in [None, Some(Vec3::ONE)] {
+        let mut samples = TileSamples::new(manifest.tile_rect(0));
+        samples.begin_pixel();
+        for _ in 0..2 {
+            samples.begin_path(camera_vertex);
+            samples.push(continuing(Lobe::Camera));
+        }
+        let error = Shard::encode(&manifest, 0, 0, &samples).unwrap_err().to_string();
+        let expected = if camera_vertex.is_some() { "continues no ray" } else { "is not the camera's" };
+        assert!(error.contains(expected), "{error}");
+    }
+    // Forged: bit 0 of the flags of the first record, which then starts no path.
+    let mut bytes = Shard::encode(&manifest, 0, 0, &rays(&manifest, None)).unwrap().as_bytes().to_vec();
+    let shard = Shard::from_bytes(Path::new("x"), &bytes).unwrap();
+    let place = shard.position_z_flags().as_ptr() as usize - shard.as_bytes().as_ptr() as usize;
+    bytes[place + 2] ^= 1;
+    let forged = Shard::from_bytes(Path::new("x"), &bytes).unwrap();
+    let problems = forged.problems(2);
+    assert!(
+        problems.iter().any(|problem| problem.contains("continues a path that has ended")),
+        "{problems:?}"
+    );
 }
 
 #[test]
@@ -224,7 +291,7 @@ fn validate_finds_what_a_checksum_cannot() {
         samples.begin_pixel();
         for _ in 0..2 {
             samples.begin_path(None);
-            samples.push(segment(end, Lobe::Diffuse, 1.0));
+            samples.push(segment(end, Lobe::Camera, 1.0));
             samples.push(segment(End::Escape(Vec3::Z), Lobe::Diffuse, 1.0));
         }
         Shard::encode(&manifest, 0, 0, &samples).unwrap()

@@ -15,7 +15,7 @@ pub const CHUNK: usize = 8192;
 const AHEAD: usize = 1024;
 /// Bytes in front of the codes, of which the last is that of the record before the chunk.
 const LEAD: usize = 32;
-/// Code bit: first record of a path; the bit that byte blends look at.
+/// Code bit: the segment starts at the camera; the bit that byte blends look at.
 const START: u8 = 0x80;
 /// Code bits: beyond the upper faces in x, y, z (1, 2, 4) and the lower ones (8, 16, 32).
 const SIDES: u8 = 0x3f;
@@ -107,7 +107,7 @@ impl BoxCull {
             code |= u8::from(coordinate >= self.above[axis]) << axis;
             code |= u8::from(coordinate <= self.below[axis]) << (axis + 3);
         }
-        code & self.judged | if flags.path_start() { START } else { 0 }
+        code & self.judged | if flags.starts_at_camera() { START } else { 0 }
     }
 
     /// Writes the numbers of the records, at most [`CHUNK`], that may touch the box, plus `first`, to [`CullWork::found`] and
@@ -221,8 +221,8 @@ struct BoxRegisters {
 }
 
 impl BoxRegisters {
-    /// [`BoxCull::code`] of eight records, in words of 16 bits: the bits of x and z in the low half of 32, those of y and the
-    /// path start in the high half.
+    /// [`BoxCull::code`] of eight records, in words of 16 bits: the bits of x and z in the low half of 32, those of y and
+    /// [`START`] in the high half.
     #[target_feature(enable = "avx2")]
     fn group(&self, xy: &[u32], z_flags: &[u32]) -> __m256i {
         /// Bit 1 of the flags.
@@ -242,8 +242,9 @@ impl BoxRegisters {
         let above_z = _mm256_and_si256(at_least(z, self.above_z), self.above_z_bits);
         let below_z = _mm256_and_si256(at_most(z, self.below_z), self.below_z_bits);
         let z_sides = _mm256_andnot_si256(escaped, _mm256_or_si256(above_z, below_z));
-        // Bit 0 of the flags to bit 7 of the high half.
-        let start = _mm256_and_si256(_mm256_slli_epi32::<7>(z), _mm256_set1_epi32(i32::from(START) << 16));
+        let not_from_camera = _mm256_set1_epi32(i32::from(Flags::NOT_FROM_CAMERA) << 16);
+        let starts = _mm256_cmpeq_epi32(_mm256_and_si256(z, not_from_camera), _mm256_setzero_si256());
+        let start = _mm256_and_si256(starts, _mm256_set1_epi32(i32::from(START) << 16));
         _mm256_or_si256(_mm256_or_si256(above_xy, below_xy), _mm256_or_si256(z_sides, start))
     }
 }

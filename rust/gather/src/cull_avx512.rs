@@ -6,7 +6,7 @@ use std::arch::x86_64::*;
 use std::ops::Range;
 
 use glam::Vec3;
-use relume_dump::Shard;
+use relume_dump::{Flags, Shard};
 
 use crate::light::{Ball, FAR, Reach};
 
@@ -118,7 +118,7 @@ impl BallRegisters {
     #[target_feature(enable = "avx512f")]
     fn ends(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH]) -> EndLanes {
         /// Bits of the flags in `position_z_flags`.
-        const PATH_START: i32 = 1 << 16;
+        const NOT_FROM_CAMERA: i32 = (Flags::NOT_FROM_CAMERA as i32) << 16;
         const ESCAPED: i32 = 1 << 17;
         // SAFETY: 64 bytes are read from arrays of sixteen words.
         let (xy, z_flags) =
@@ -139,7 +139,7 @@ impl BallRegisters {
             _mm512_mask_mov_ps(vertex, escaped, far[axis])
         };
         let place = [at(0, x), at(1, y), at(2, z)];
-        let joined = _mm512_testn_epi32_mask(z_flags, _mm512_set1_epi32(PATH_START));
+        let joined = _mm512_test_epi32_mask(z_flags, _mm512_set1_epi32(NOT_FROM_CAMERA));
         EndLanes { place, distance2: dot(&place, &place), joined }
     }
 
@@ -214,26 +214,25 @@ mod tests {
     use std::sync::Arc;
 
     use glam::DVec3;
-    use relume_dump::{End, Lobe, Segment};
+    use relume_dump::{End, Lobe};
 
     use super::*;
-    use crate::tests::{Random, dump, manifest};
+    use crate::tests::{Random, dump, manifest, segment};
 
     /// A shard of 4 x 4 pixels with paths of up to six segments in a box around `center`, some far shorter than others.
     fn shard(center: Vec3, extent: f32) -> Arc<Shard> {
         let mut random = Random(8);
         let dump = dump(manifest(4, &[32]), |_, _, samples| {
             let mut last = center;
-            for _ in 0..1 + (random.next() * 6.0) as usize {
-                let (throughput, lobe) = (Vec3::ONE, Lobe::Diffuse);
+            for depth in 0..1 + (random.next() * 6.0) as usize {
+                let lobe = if depth == 0 { Lobe::Camera } else { Lobe::Diffuse };
                 if random.next() < 0.2 {
-                    let end = End::Escape(random.point(1.0).normalize());
-                    samples.push(Segment { end, throughput, lobe, receiver: 0 });
+                    samples.push(segment(End::Escape(random.point(1.0).normalize()), lobe));
                     return;
                 }
                 let length = if random.next() < 0.3 { 1e-3 } else { 1.0 };
                 last = last.lerp(center + random.point(extent), length);
-                samples.push(Segment { end: End::Vertex(last), throughput, lobe, receiver: 0 });
+                samples.push(segment(End::Vertex(last), lobe));
             }
         });
         dump.shards().next().unwrap().clone()

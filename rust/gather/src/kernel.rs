@@ -29,6 +29,7 @@ use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
 #[cfg(target_arch = "x86_64")]
 use crate::light::Ball;
 use crate::light::{PreparedLight, Reach};
+use crate::piece::RayPiece;
 
 /// Receiver of contributions.
 pub trait Sink {
@@ -271,8 +272,16 @@ fn evaluate(shard: &Shard, block: &SegmentBlock, index: usize, light: &PreparedL
     if factor == 0.0 {
         return;
     }
-    let (origin, edge) = block.segment(index);
-    let weight = factor * light.profile.evaluate(origin.into(), edge.into(), flags.escaped());
+    let (start, edge) = block.segment(index);
+    let (start, edge) = (Vec3::from(start), Vec3::from(edge));
+    let collected = match flags.continues() {
+        true => {
+            let piece = RayPiece::new(shard.ray_origin(record), start, edge);
+            light.profile.evaluate_piece(&piece, flags.escaped())
+        }
+        false => light.profile.evaluate(start, edge, flags.escaped()),
+    };
+    let weight = factor * collected;
     if weight != 0.0 {
         sink.add(record, decode_rgb9e5(shard.throughput()[record]) * weight);
     }

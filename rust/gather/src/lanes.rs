@@ -16,6 +16,8 @@ pub trait Lanes: Copy {
     fn prefetch(words: &[u32], index: usize);
     /// The low and the high 16 bits of each word as numbers.
     fn unpack(words: &[u32; WIDTH]) -> (Self, Self);
+    /// Mask of the words that have none of some bits.
+    fn none_of<const BITS: u32>(words: &[u32; WIDTH]) -> Self;
     /// Mask of a bit, 0..31, of each word.
     fn bit<const BIT: u32>(words: &[u32; WIDTH]) -> Self;
     /// `self + other`.
@@ -93,6 +95,10 @@ impl Lanes for Portable {
     #[inline(always)]
     fn unpack(words: &[u32; WIDTH]) -> (Self, Self) {
         (Self(words.map(|w| (w & 0xffff) as f32)), Self(words.map(|w| (w >> 16) as f32)))
+    }
+    #[inline(always)]
+    fn none_of<const BITS: u32>(words: &[u32; WIDTH]) -> Self {
+        Self(words.map(|w| f32::from_bits(if w & BITS == 0 { u32::MAX } else { 0 })))
     }
     #[inline(always)]
     fn bit<const BIT: u32>(words: &[u32; WIDTH]) -> Self {
@@ -212,6 +218,14 @@ mod avx2 {
                 let low = _mm256_and_si256(words, _mm256_set1_epi32(0xffff));
                 let high = _mm256_srli_epi32::<16>(words);
                 (Self(_mm256_cvtepi32_ps(low)), Self(_mm256_cvtepi32_ps(high)))
+            }
+        }
+        #[inline(always)]
+        fn none_of<const BITS: u32>(words: &[u32; WIDTH]) -> Self {
+            unsafe {
+                let words = _mm256_loadu_si256(words.as_ptr().cast());
+                let bits = _mm256_and_si256(words, _mm256_set1_epi32(BITS as i32));
+                Self(_mm256_castsi256_ps(_mm256_cmpeq_epi32(bits, _mm256_setzero_si256())))
             }
         }
         #[inline(always)]

@@ -22,6 +22,7 @@ mod gpu;
 mod kernel;
 mod lanes;
 mod light;
+mod piece;
 mod positions;
 mod relight;
 mod sample_split;

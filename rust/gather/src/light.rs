@@ -10,6 +10,7 @@ use relume_dump::{Lobe, RECEIVER_LIMIT};
 use relume_scene::{Light, LightShape, LobeFactors};
 
 use crate::GatherError;
+use crate::piece::RayPiece;
 use crate::sheared::Sheared;
 
 /// Length of escaped segments in metres, up to a factor of 0.57: beyond every light, and harmless in `f32`.
@@ -23,7 +24,7 @@ const MIN_ANGLE: f32 = 4e-4;
 pub struct PreparedLight {
     pub(crate) profile: Profile,
     pub(crate) reach: Reach,
-    /// Factors by lobe code of the flags, the scale of the radius floor included; 0 for what is not a segment.
+    /// Factors by lobe, the scale of the radius floor included; 0 beyond.
     pub(crate) factors: [f32; 8],
     /// Bit set of receivers that are lit; all if absent.
     pub(crate) receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
@@ -166,14 +167,15 @@ impl PreparedLight {
         Ok(Self { reach: profile.reach(), profile, factors, receivers })
     }
 
-    /// Weight of a segment of this lobe and receiver; 0 if the light leaves it out.
+    /// Weight of a segment of this lobe and receiver; 0 if the light leaves it out, or for what is not a segment.
     pub(crate) fn factor(&self, flags: relume_dump::Flags) -> f32 {
+        let Some(lobe) = flags.lobe() else { return 0.0 };
         let lit = self.receivers.as_ref().is_none_or(|bits| {
             // Camera rays leave no object; light linking does not concern them.
-            flags.lobe() == Some(Lobe::Camera)
+            lobe == Lobe::Camera
                 || bits[usize::from(flags.receiver() / 64)] >> (flags.receiver() % 64) & 1 != 0
         });
-        if lit { self.factors[usize::from(flags.lobe_code())] } else { 0.0 }
+        if lit { self.factors[lobe as usize] } else { 0.0 }
     }
 }
 
@@ -294,6 +296,16 @@ impl Profile {
             Self::Area { plane, .. } => Reach::Plane(plane),
             Self::Sheared(sheared) => sheared.reach(),
             Self::Sun { direction, chord2 } => Reach::Cone { direction, chord2 },
+        }
+    }
+
+    /// Radiance that a piece of a ray collects: nothing of a light that the ray has crossed before.
+    pub fn evaluate_piece(&self, piece: &RayPiece, escaped: bool) -> f32 {
+        let RayPiece { origin, to_start, to_end } = *piece;
+        if self.evaluate(origin, to_start, false) != 0.0 {
+            0.0
+        } else {
+            self.evaluate(origin, to_end, escaped)
         }
     }
 

@@ -15,6 +15,7 @@
 //! - **Ends are soft.** The condition that the crossing, at distance `s`, lies on the segment becomes
 //!   `W(s / h) - W((s - l) / h)` with a cubic step `W` from -1 to 1: the share of shifts along the segment that put it there. It is symmetric
 //!   about both ends and vanishes with `l`, so that short segments do not catch more than their share.
+//!   Pieces of a ray ([`crate::piece`]) take what the ray does up to their ends, less what it does up to their starts.
 //! - **Balls** are crossed at `s = (c - o) . w -+ q` with `q = r sqrt(1 - x)`; segments that start inside count where they
 //!   leave. The shifts that do are two intervals of `s`. Beyond the rim's middle the root goes on as a line, so that its
 //!   slope stays finite.
@@ -45,6 +46,7 @@ use crate::gather::{SumSink, add};
 use crate::kernel::{self, KernelWork, SegmentBlock, Visitor};
 use crate::lanes::{Lanes, Portable, WIDTH};
 use crate::light::{PreparedLight, Reach};
+use crate::piece::RayPiece;
 use crate::{Gather, GatherError, SampleSplit};
 
 /// Share of the extent up to which a light's reach is so small that a first test on packed records saves time.
@@ -269,8 +271,11 @@ struct SoftSums<'a> {
     is_selective: bool,
     /// Weight of each contribution.
     scale: f32,
+    /// Where their rays begin.
     origin: [[f32; WIDTH]; 3],
     edge: [[f32; WIDTH]; 3],
+    /// Metres from there to where they start.
+    start: [f32; WIDTH],
     /// Throughputs as the shards hold them.
     throughput: [u32; WIDTH],
     factor: [f32; WIDTH],
@@ -305,10 +310,18 @@ impl Visitor for SoftSums<'_> {
             if factor == 0.0 || (only_escaped && !flags.escaped()) || edge == [0.0; 3] {
                 continue;
             }
+            let (origin, start) = match flags.continues() {
+                true => {
+                    let piece = RayPiece::new(shard.ray_origin(record), origin.into(), edge.into());
+                    (piece.origin.into(), piece.to_start.length())
+                }
+                false => (origin, 0.0),
+            };
             for axis in 0..3 {
                 self.origin[axis][self.waiting] = origin[axis];
                 self.edge[axis][self.waiting] = edge[axis];
             }
+            self.start[self.waiting] = start;
             (self.throughput[self.waiting], self.factor[self.waiting]) = (throughput[record], factor);
             self.waiting += 1;
             if self.waiting == WIDTH {
@@ -328,6 +341,7 @@ impl<'a> SoftSums<'a> {
             scale: 0.0,
             origin: [[0.0; WIDTH]; 3],
             edge,
+            start: [0.0; WIDTH],
             throughput: [0; WIDTH],
             factor: [0.0; WIDTH],
             waiting: 0,
@@ -338,7 +352,8 @@ impl<'a> SoftSums<'a> {
     /// Adds what the waiting segments give.
     #[inline(always)]
     fn flush<L: Lanes>(&mut self) {
-        let segments = Segments::<L>::new(Wide3::load(&self.origin), Wide3::load(&self.edge));
+        let segments =
+            Segments::<L>::new(Wide3::load(&self.origin), Wide3::load(&self.edge), Wide::load(&self.start));
         match &self.light.profile {
             SoftProfile::Sphere(ball) => {
                 self.add(profile::sphere_slopes(ball, &segments), [0, 1, 2, 3, 7]);

@@ -17,7 +17,7 @@ const CENTER: Vec3 = Vec3::new(0.3, 0.2, 0.25);
 const RADIUS: f32 = 0.3;
 
 fn material(node: Node) -> Material {
-    Material { name: "test".into(), nodes: vec![node], surface: Some(0) }
+    Material { name: "test".into(), nodes: vec![node], surface: Some(0), ..Material::default() }
 }
 
 fn diffuse(albedo: f32) -> Material {

@@ -111,7 +111,8 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (name, mesh, world_from_object, materials, *, receiver=0, color=[1.0; 4], pass_index=0,
-        random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4], grids=None))]
+        random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
+        visible_volume_scatter=true, density_factor=1.0, grids=None))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -126,6 +127,8 @@ impl PySceneBuilder {
         shadow_terminator_offset: f32,
         shadow_terminator_shading: f32,
         visibility: [bool; 4],
+        visible_volume_scatter: bool,
+        density_factor: f32,
         grids: Option<usize>,
     ) -> PyResult<()> {
         let [visible_camera, visible_diffuse, visible_glossy, visible_transmission] = visibility;
@@ -140,6 +143,8 @@ impl PySceneBuilder {
             visible_diffuse,
             visible_glossy,
             visible_transmission,
+            visible_volume_scatter,
+            density_factor,
             grids,
             ..scene::Instance::new(name, mesh, affine_from_rows(world_from_object), materials)
         };
@@ -264,7 +269,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (color, *, texture=None, texture_from_world=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        visible_camera=true))]
+        visible_camera=true, volume=None, receiver=0))]
     fn set_world(
         &mut self,
         py: Python<'_>,
@@ -272,9 +277,11 @@ impl PySceneBuilder {
         texture: Option<usize>,
         texture_from_world: [[f32; 3]; 3],
         visible_camera: bool,
+        volume: Option<usize>,
+        receiver: u16,
     ) -> PyResult<()> {
         let texture_from_world = mat3_from_rows(texture_from_world);
-        let world = scene::World { color, texture, texture_from_world, visible_camera };
+        let world = scene::World { color, texture, texture_from_world, visible_camera, volume, receiver };
         enter_native(py, || self.builder.set_world(world))
     }
 
@@ -481,6 +488,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "random": i.random, "shadow_terminator_offset": i.shadow_terminator_offset,
             "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
+            "visible_volume_scatter": i.visible_volume_scatter, "density_factor": i.density_factor,
         })).collect::<Vec<_>>(),
         "textures": scene.textures.iter().map(|t| serde_json::json!({
             "name": t.name, "width": t.width, "height": t.height, "encoding": t.encoding, "alpha": t.alpha,
@@ -493,7 +501,8 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             })).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "world": {"color": scene.world.color, "texture": scene.world.texture,
-            "texture_from_world": scene.world.texture_from_world, "visible_camera": scene.world.visible_camera},
+            "texture_from_world": scene.world.texture_from_world, "visible_camera": scene.world.visible_camera,
+            "volume": scene.world.volume, "receiver": scene.world.receiver},
         "instanced_triangles": scene.instances.iter().map(triangles).sum::<usize>(),
         "warnings": scene.warnings,
     })

@@ -55,10 +55,14 @@ impl SceneBuilder {
         self.has_camera = true;
     }
 
-    /// Sets the world; its texture must have been added before.
+    /// Sets the world; its texture and the material of its volume must have been added before.
     pub fn set_world(&mut self, world: World) -> Result<(), BuildError> {
         if let Some(reason) = world_fault(&world, &self.scene.textures) {
             return Err(part("world", "World", reason));
+        }
+        let has_volume = |material: &Material| material.volume.is_some();
+        if world.volume.is_some_and(|number| !self.scene.materials.get(number).is_some_and(has_volume)) {
+            return Err(part("world", "World", "the material of its volume does not exist or has none"));
         }
         self.scene.world = world;
         Ok(())
@@ -196,9 +200,10 @@ impl SceneBuilder {
         }
     }
 
-    /// A scene of nothing but the world, for who needs only that.
+    /// A scene of nothing but the light of the world, for who needs only that.
     pub fn build_world(self) -> Scene {
         let Scene { world, textures, working_space, warnings, .. } = self.scene;
+        let world = World { volume: None, ..world };
         Scene { world, textures, working_space, warnings, ..Scene::default() }
     }
 
@@ -214,27 +219,33 @@ impl SceneBuilder {
     }
 }
 
-/// Node numbers must point backwards and `surface` must exist.
+/// Node numbers must point backwards, and `surface` and `volume` must exist.
 fn check_links(material: &Value) -> Result<(), String> {
     let nodes = material["nodes"].as_array().map(Vec::as_slice).unwrap_or_default();
     for (number, node) in nodes.iter().enumerate() {
         let shader = matches!(node["type"].as_str(), Some("mix_shader" | "add_shader"));
         for (socket, value) in node.as_object().into_iter().flatten() {
-            let target = match value {
-                Value::Object(link) => link.get("node"),
-                Value::Number(_) if shader && (socket == "a" || socket == "b") => Some(value),
-                _ => None,
+            let targets: Vec<&Value> = match value {
+                // A link, or a phase function with links of its own.
+                Value::Object(fields) => {
+                    let own = fields.get("node");
+                    own.into_iter().chain(fields.values().filter_map(|field| field.get("node"))).collect()
+                }
+                Value::Number(_) if shader && (socket == "a" || socket == "b") => vec![value],
+                _ => Vec::new(),
             };
-            if target.is_some_and(|target| target.as_u64().is_none_or(|target| target >= number as u64)) {
+            if targets.iter().any(|target| target.as_u64().is_none_or(|target| target >= number as u64)) {
                 return Err(format!("node {number} has a link at '{socket}' that does not point backwards"));
             }
         }
     }
-    match &material["surface"] {
-        Value::Null => Ok(()),
-        surface if surface.as_u64().is_some_and(|node| node < nodes.len() as u64) => Ok(()),
-        _ => Err("its surface node does not exist".into()),
+    for root in ["surface", "volume"] {
+        let node = &material[root];
+        if !node.is_null() && node.as_u64().is_none_or(|node| node >= nodes.len() as u64) {
+            return Err(format!("its {root} node does not exist"));
+        }
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -275,6 +286,17 @@ mod tests {
         for (color, surface) in [(r#"{"node": 1, "output": "normal"}"#, "1"), ("[1, 1, 1]", "2")] {
             let error = builder.add_material_json(&material(color, surface)).unwrap_err();
             assert!(error.to_string().contains("'M'"), "{error}");
+        }
+        let fog = |anisotropy: u32, volume: u32| {
+            format!(
+                r#"{{"name": "M", "nodes": [{{"type": "geometry"}}, {{"type": "volume_scatter", "color": 1.0,
+                    "density": 1.0, "phase": {{"type": "henyey_greenstein", "anisotropy":
+                    {{"node": {anisotropy}, "output": "position"}}}}}}], "surface": null, "volume": {volume}}}"#
+            )
+        };
+        assert!(builder.add_material_json(&fog(0, 1)).is_ok());
+        for (anisotropy, volume) in [(1, 1), (0, 2)] {
+            assert!(builder.add_material_json(&fog(anisotropy, volume)).is_err());
         }
         let mix = r#"{"name": "M", "nodes": [{"type": "add_shader", "a": 0, "b": null}], "surface": 0}"#;
         assert!(builder.add_material_json(mix).is_err());

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::{Camera, Geometry, Grid, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 impl Scene {
-    /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world and
+    /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world but for its volume, and
     /// warnings do not count, since paths serve any lights and any world, nor do textures that no material shows, nor the names of the
     /// camera and of materials.
     pub fn hash(&self) -> String {
@@ -22,6 +22,9 @@ impl Scene {
         for set in &self.grids {
             json(&mut hasher, &(set.interpolation, set.grids.len()));
             set.grids.iter().for_each(|grid| hash_grid(&mut hasher, grid));
+        }
+        if let Some(volume) = self.world.volume {
+            json(&mut hasher, &(volume, self.world.receiver));
         }
         for number in self.material_textures() {
             json(&mut hasher, &number);
@@ -119,6 +122,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if instance.shadow_terminator_shading != 0.0 {
         json(hasher, &instance.shadow_terminator_shading);
     }
+    if (instance.visible_volume_scatter, instance.density_factor) != (true, 1.0) {
+        json(hasher, &(instance.visible_volume_scatter, instance.density_factor));
+    }
     if let Some(grids) = instance.grids {
         json(hasher, &("grids", grids));
     }
@@ -163,6 +169,10 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
+        let changes: [fn(&mut Scene); 11] = [
+            |scene| scene.instances[0].visible_volume_scatter = false,
+            |scene| scene.instances[0].density_factor = 0.5,
+            |scene| scene.world.volume = Some(0),
         let changes: [fn(&mut Scene); 12] = [
             |scene| scene.meshes[0].positions[0].x = 1.000_001,
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,

@@ -19,6 +19,7 @@ mod mesh;
 mod node;
 mod node_settings;
 mod obj;
+mod phase;
 mod picture_file;
 mod polygon;
 mod procedural;
@@ -47,6 +48,7 @@ pub use node_settings::{
     NormalSpace, TexCoord, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
+pub use phase::PhaseFunction;
 pub use picture_file::{FileColors, PictureFile};
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use procedural::{

@@ -1,4 +1,4 @@
-//! Shader graphs: Blender's nodes that decide how a surface scatters, in topological order.
+//! Shader graphs: Blender's nodes that decide how a surface or medium scatters, in topological order.
 //!
 //! The exporter flattens groups and reroutes, folds constants, bakes ramps and curves to tables, and names what it
 //! could not translate in [`crate::Scene::warnings`]. A graph is evaluated front to back for each hit.
@@ -8,15 +8,25 @@ use crate::Node;
 /// Index into [`Material::nodes`]; a node refers only to nodes before it.
 pub type NodeId = u32;
 
-/// A surface shader.
+/// A shader of surfaces and of what is inside of them.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Material {
     /// Blender material name.
     pub name: String,
     /// Nodes; links point backwards only.
     pub nodes: Vec<Node>,
-    /// The closure node that is the surface; nothing is a black absorber.
+    /// The closure node that is the surface; nothing is a black absorber, or seen through where there is a `volume`.
     pub surface: Option<NodeId>,
+    /// The closure node of the medium that fills the inside of closed meshes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub volume: Option<NodeId>,
+}
+
+impl Material {
+    /// True if rays go straight through its surface, of which only the inside counts.
+    pub fn is_hull(&self) -> bool {
+        self.surface.is_none() && self.volume.is_some()
+    }
 }
 
 /// An input socket: a value or a link. In JSON: `0.5`, `[r, g, b]` or `{"node": 3, "output": "color"}`.

@@ -99,10 +99,32 @@ pub struct Instance {
     pub visible_glossy: bool,
     /// Seen by transmission rays.
     pub visible_transmission: bool,
+    /// Seen by rays that a medium scattered, even where diffuse rays do not see it: those count as both, as in Cycles.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub visible_volume_scatter: bool,
+    /// Factor on the density of the medium inside (Cycles' volume density of an object, in object or world space).
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub density_factor: f32,
 }
 
 fn is_zero(value: &f32) -> bool {
     *value == 0.0
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn is_yes(value: &bool) -> bool {
+    *value
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+fn is_one(value: &f32) -> bool {
+    *value == 1.0
 }
 
 impl Instance {
@@ -140,6 +162,8 @@ impl Instance {
             visible_diffuse: true,
             visible_glossy: true,
             visible_transmission: true,
+            visible_volume_scatter: true,
+            density_factor: 1.0,
         }
     }
 }

@@ -1,7 +1,7 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, Input, Interpolation, MapRangeKind, MappingKind,
-    MathOp, MixData, NodeId, NormalSpace, Procedural, TexCoord, VectorMathOp,
+    MathOp, MixData, NodeId, NormalSpace, PhaseFunction, Procedural, TexCoord, VectorMathOp,
 };
 
 with_sockets! {
@@ -92,6 +92,39 @@ with_sockets! {
         AddShader {
             a: Option<NodeId>,
             b: Option<NodeId>,
+        },
+        // Closures of media, per metre; Emission, mixing and adding serve these, too.
+        VolumeScatter {
+            color: Input,
+            density: Input,
+            phase: PhaseFunction,
+        },
+        VolumeAbsorption {
+            color: Input,
+            density: Input,
+        },
+        VolumeCoefficients {
+            absorption: Input,
+            scatter: Input,
+            emission: Input,
+            phase: PhaseFunction,
+        },
+        /// Attributes are factors, 1 where an object lacks them or the name is empty. `blackbody` is the colour of black bodies by
+        /// their temperature; nothing if they do not glow.
+        PrincipledVolume {
+            color: Input,
+            color_attribute: String,
+            density: Input,
+            density_attribute: String,
+            anisotropy: Input,
+            absorption_color: Input,
+            emission_strength: Input,
+            emission_color: Input,
+            blackbody_intensity: Input,
+            blackbody_tint: Input,
+            blackbody: Option<Curve>,
+            temperature: Input,
+            temperature_attribute: String,
         },
         // Textures and coordinates.
         ImageTexture {

@@ -194,7 +194,7 @@ fn principled(mtl: &tobj::Material, texture: Option<usize>) -> Material {
         distribution: Distribution::MultiGgx,
     });
     let surface = Some(nodes.len() as u32 - 1);
-    Material { name: mtl.name.clone(), nodes, surface }
+    Material { name: mtl.name.clone(), nodes, surface, ..Material::default() }
 }
 
 fn finite(color: [f32; 3]) -> [f32; 3] {

@@ -55,7 +55,11 @@ impl Scene {
         for texture in &self.textures {
             check("image", &texture.name, texture_fault(texture));
         }
-        check("world", "World", world_fault(&self.world, &self.textures));
+        check(
+            "world",
+            "World",
+            world_fault(&self.world, &self.textures).or_else(|| self.world_volume_fault()),
+        );
         if faults.is_empty() { Ok(()) } else { Err(faults) }
     }
 
@@ -68,6 +72,12 @@ impl Scene {
             names[usize::from(instance.receiver)].clone_from(&instance.name);
         }
         names
+    }
+
+    fn world_volume_fault(&self) -> Option<String> {
+        let material = self.materials.get(self.world.volume?);
+        let has_volume = material.is_some_and(|material| material.volume.is_some());
+        (!has_volume).then(|| "the material of its volume does not exist or has none".to_owned())
     }
 
     /// The mesh that a geometry is; nothing for other kinds, or if it does not exist.
@@ -126,6 +136,8 @@ impl Scene {
             Some("its grids do not exist".to_owned())
         } else if !instance.world_from_object.is_finite() {
             Some("its transform is not finite; clear its transform".to_owned())
+        } else if !(instance.density_factor >= 0.0 && instance.density_factor.is_finite()) {
+            Some("the factor on its volume's density is negative or not finite; correct its scale".to_owned())
         } else {
             None
         }
@@ -143,6 +155,9 @@ impl Scene {
         }
         if material.surface.is_some_and(|surface| surface as usize >= material.nodes.len()) {
             return Some("its surface node does not exist".to_owned());
+        }
+        if material.volume.is_some_and(|volume| volume as usize >= material.nodes.len()) {
+            return Some("its volume node does not exist".to_owned());
         }
         let is_too_bright = material.nodes.iter().any(|node| glow(node) > MOST_RADIANCE);
         is_too_bright
@@ -162,6 +177,10 @@ fn glow(node: &Node) -> f32 {
         Node::Principled { emission_color, emission_strength, .. } => {
             brightest(emission_color) * brightest(emission_strength)
         }
+        Node::PrincipledVolume { emission_color, emission_strength, .. } => {
+            brightest(emission_color) * brightest(emission_strength)
+        }
+        Node::VolumeCoefficients { emission, .. } => brightest(emission),
         _ => 0.0,
     }
 }
@@ -263,6 +282,10 @@ mod tests {
             reason(|scene| scene.instances[0].grids = Some(0)).contains("'Floor': its grids do not exist")
         );
         assert!(reason(|scene| scene.world.texture = Some(0)).contains("world"));
+        assert!(reason(|scene| scene.world.volume = Some(0)).contains("volume"));
+        let hollow = || Material { volume: Some(0), ..Material::default() };
+        assert!(reason(|scene| scene.materials.push(hollow())).contains("volume node"));
+        assert!(reason(|scene| scene.instances[0].density_factor = -1.0).contains("density"));
         assert!(reason(|scene| scene.world.color[1] = f32::NAN).contains("not a finite number"));
         assert!(reason(|scene| scene.world.color[1] = f32::MAX).contains("lower its strength"));
         assert!(reason(|scene| scene.meshes[0].corner_normals = vec![Vec3::Z]).contains("Plane"));
@@ -272,7 +295,15 @@ mod tests {
     fn materials_that_glow_too_brightly_are_named() {
         let glowing = |color, strength| {
             let nodes = vec![Node::Emission { color, strength: Input::Float(strength) }];
-            Scene { materials: vec![Material { name: "Neon".into(), nodes, surface: Some(0) }], ..scene() }
+            Scene {
+                materials: vec![Material {
+                    name: "Neon".into(),
+                    nodes,
+                    surface: Some(0),
+                    ..Material::default()
+                }],
+                ..scene()
+            }
         };
         let linked = || Input::Link { node: 0, output: crate::Output::Color };
         assert_eq!(glowing(Input::Rgb([1.0, 0.5, 0.0]), 1e30).validate(), Ok(()));

@@ -30,7 +30,7 @@ fn under_a_sky(turn: f32) -> Scene {
         color: [1.0, 2.0, 0.5],
         texture: Some(scene.textures.len() - 1),
         texture_from_world: Mat3::from_rotation_z(turn),
-        visible_camera: true,
+        ..World::default()
     };
     scene
 }

@@ -171,7 +171,7 @@ mod tests {
                 color: [2.0, 2.0, 2.0],
                 texture: Some(0),
                 texture_from_world: Mat3::from_rotation_z(0.7),
-                visible_camera: true,
+                ..World::default()
             },
             ..Scene::default()
         }

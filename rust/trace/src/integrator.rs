@@ -1,21 +1,26 @@
 //! Light-free paths: sampled by the BSDFs and a [`Guide`], recorded segment by segment (paper, sections 3.1 and 4.1).
 
+mod travel;
+
 use glam::Vec3;
 use relume_dump::{AovSample, End, Lobe, Segment, TileSamples};
 use relume_scene::Scene;
 
+use self::travel::{Arrival, Route};
 use crate::{
     bsdf::{BsdfSample, Caustics, Surface},
     bvh::{Ray, SceneBvh},
     camera::CameraSampler,
     environment::EnvironmentLight,
     guide::{Cones, Guide},
+    media::{HullCrossing, Media, MediaScratch, PhaseSample, ShadowMedia, TrackingNumbers},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
     sampler::PixelSampler,
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
     static_light::{LastBounce, ShadowTracer, StaticLights, StaticSample},
+    vertex::Vertex,
 };
 
 /// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
@@ -48,6 +53,7 @@ pub struct PathScratch {
     surface: Surface,
     shadow: Surface,
     cones: Cones,
+    media: MediaScratch,
 }
 
 /// Everything that paths are traced in.
@@ -59,20 +65,36 @@ pub(crate) struct Integrator<'a> {
     pub camera: CameraSampler,
     pub environment: EnvironmentLight,
     pub lights: Option<StaticLights>,
+    pub media: Option<Media>,
     pub settings: PathSettings,
 }
 
-/// Groups of the sampler: the camera takes the first, each surface of a path two.
+/// Groups of the sampler: the camera takes the first, each vertex of a path two.
 const CAMERA_GROUP: u32 = 0;
-const GROUPS_PER_SURFACE: u32 = 2;
-/// Added to a surface's first group: numbers of the guide.
+const GROUPS_PER_VERTEX: u32 = 2;
+/// Added to a vertex's first group: numbers of the guide, of the way there through media, and of light's way from there.
 const GUIDE_GROUP: u32 = 1 << 31;
+const TRAVEL_GROUP: u32 = 1 << 30;
+const SHADOW_GROUP: u32 = 3 << 30;
 
 /// The AOVs of one path while it is traced.
 struct Features {
     sample: AovSample,
     /// Product of the mirrors and glass crossed so far; nothing once the denoiser's surface was found.
     tint: Option<Vec3>,
+}
+
+/// A path on its way.
+struct Walk {
+    path: PathState,
+    ray: Ray,
+    /// Radius of the ray's footprint at its origin, and its growth per metre.
+    footprint: f32,
+    spread: f32,
+    /// Last bounce, if lights are also sampled from there.
+    last: Option<LastBounce>,
+    /// Place among the media of the scene, if it has any.
+    route: Option<Route>,
 }
 
 impl Integrator<'_> {
@@ -88,53 +110,59 @@ impl Integrator<'_> {
     ) {
         let camera = self.camera.ray(x, y, sampler.draw(sample, CAMERA_GROUP));
         sink.begin_path((!self.camera.is_pinhole()).then_some(camera.origin));
-        let mut path = PathState::new();
         let mut features =
             Features { sample: AovSample { alpha: 1.0, ..AovSample::default() }, tint: Some(Vec3::ONE) };
-        let mut ray = Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction) };
-        let mut footprint = camera.footprint;
-        let mut last = None;
-        for surface_number in 0.. {
-            let Some(hit) = self.bvh.intersect(&ray) else {
-                self.escape(&path, ray.direction, last, &mut features, sink);
-                break;
-            };
-            if let Some(lights_only) = path.lights_only {
-                if (hit.instance, hit.primitive) != lights_only.primitive {
-                    let end = End::Vertex(lights_only.vertex + ray.direction * hit.distance);
-                    self.record(&path, last, end, sink);
+        let mut walk = Walk {
+            path: PathState::new(),
+            ray: Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction) },
+            footprint: camera.footprint,
+            spread: camera.spread,
+            last: None,
+            route: self
+                .media
+                .as_ref()
+                .map(|media| Route::new(self.stack_at(media, camera.origin), camera.origin)),
+        };
+        for vertex_number in 0.. {
+            let group = CAMERA_GROUP + 1 + GROUPS_PER_VERTEX * vertex_number;
+            let draw = |other: u32| sampler.draw(sample, other.wrapping_add(group));
+            let arrival = match &self.media {
+                None => self.bvh.intersect(&walk.ray).map_or(Arrival::Escape, Arrival::Surface),
+                Some(media) => {
+                    let numbers = TrackingNumbers::new(draw(TRAVEL_GROUP));
+                    self.travel(media, &mut walk, &mut features, numbers, &mut scratch.media, sink)
                 }
-                break;
-            }
-            footprint += camera.spread * hit.distance;
-            let point = self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, footprint);
-            self.record(&path, last, End::Vertex(point.position), sink);
-            scratch.surface.show(if path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
-            self.materials.evaluate(self.scene, &point, &mut scratch.surface);
-            if surface_number == 0 {
-                features.sample.depth = Some(camera.start + hit.distance);
-            }
-            self.collect_emission(&path, &point, last, &scratch.surface, &mut features);
-
-            let group = CAMERA_GROUP + 1 + GROUPS_PER_SURFACE * surface_number;
-            let u = sampler.draw(sample, group);
-            let survival = path.survival(&self.settings.bounces);
-            if u[3] >= survival {
-                features.record_surface(&scratch.surface);
-                break;
-            }
-            path.throughput /= survival;
-            if !self.scatter(
-                &mut path,
-                &point,
-                [u[0], u[1], u[2]],
-                guide,
-                &mut ray,
-                scratch,
-                &mut features,
-                &mut last,
-                |other| sampler.draw(sample, other.wrapping_add(group)),
-            ) {
+            };
+            let goes_on = match arrival {
+                Arrival::Lost => false,
+                Arrival::Escape => {
+                    self.escape(&mut walk, &mut features, sink);
+                    false
+                }
+                Arrival::Collision(position) => {
+                    self.scatter_in_medium(&mut walk, position, guide, scratch, &mut features, draw)
+                }
+                Arrival::Surface(hit) => {
+                    if let Some(lights_only) = walk.path.lights_only {
+                        if (hit.instance, hit.primitive) != lights_only.primitive {
+                            let end = lights_only.vertex + walk.ray.direction * hit.distance;
+                            self.record(&mut walk, End::Vertex(end), sink);
+                        }
+                        break;
+                    }
+                    walk.footprint += walk.spread * hit.distance;
+                    let Ray { origin, direction, .. } = walk.ray;
+                    let point =
+                        self.materials.surface_point(self.scene, &hit, origin, direction, walk.footprint);
+                    self.record(&mut walk, End::Vertex(point.position), sink);
+                    if walk.path.is_on_first_surface() {
+                        let travelled = walk.route.as_ref().map_or(0.0, |route| route.travelled);
+                        features.sample.depth = Some(camera.start + (travelled + hit.distance));
+                    }
+                    self.meet(&mut walk, &point, guide, scratch, &mut features, draw)
+                }
+            };
+            if !goes_on {
                 break;
             }
         }
@@ -143,24 +171,32 @@ impl Integrator<'_> {
         sink.end_path(features.sample);
     }
 
-    /// Records the path's current segment, as the film sees it, if lights along it count. `last` is there if lights are also sampled from its place.
-    fn record(&self, path: &PathState, last: Option<LastBounce>, end: End, sink: &mut impl PathSink) {
-        if path.sees_lights(&self.settings.bounces, last.is_none()) {
-            let segment = path.segment(end);
-            sink.push(Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment });
+    /// Records the path's current segment, as the film sees it, if lights along it count.
+    fn record(&self, walk: &mut Walk, end: End, sink: &mut impl PathSink) {
+        let segment = walk.path.segment(end);
+        if !walk.path.sees_lights(&self.settings.bounces, walk.last.is_none()) {
+            walk.path.left_out = Some(end);
+            return;
         }
+        let left_out = walk.path.left_out.take();
+        let segment = Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment };
+        let bounds = self.media.as_ref().and_then(Media::recorded);
+        if let (Some(bounds), Some(route)) = (bounds, &mut walk.route) {
+            route.record_within(bounds, segment, sink);
+            return;
+        }
+        if let Some(end) = left_out {
+            // Where it is recorded again it starts at the end of what was left out.
+            sink.push(Segment { end, throughput: Vec3::ZERO, ..segment });
+        }
+        sink.push(segment);
     }
 
     /// The path leaves the scene.
-    fn escape(
-        &self,
-        path: &PathState,
-        direction: Vec3,
-        last: Option<LastBounce>,
-        features: &mut Features,
-        sink: &mut impl PathSink,
-    ) {
-        self.record(path, last, End::Escape(direction), sink);
+    fn escape(&self, walk: &mut Walk, features: &mut Features, sink: &mut impl PathSink) {
+        let direction = walk.ray.direction;
+        self.record(walk, End::Escape(direction), sink);
+        let path = &walk.path;
         let is_camera = path.lobe == Lobe::Camera;
         if is_camera {
             features.sample.alpha = 1.0 - path.throughput.element_sum() / 3.0;
@@ -173,9 +209,32 @@ impl Integrator<'_> {
             let weight = self
                 .lights
                 .as_ref()
-                .map_or(1.0, |lights| lights.world_weight(last, &self.environment, direction));
+                .map_or(1.0, |lights| lights.world_weight(walk.last, &self.environment, direction));
             features.sample.world += path.throughput * radiance * weight;
         }
+    }
+
+    /// Shades a surface that the path came to, and sends it on, or says that it ends there.
+    fn meet(
+        &self,
+        walk: &mut Walk,
+        point: &SurfacePoint,
+        guide: Option<&Guide>,
+        scratch: &mut PathScratch,
+        features: &mut Features,
+        draw: impl Fn(u32) -> [f32; 4],
+    ) -> bool {
+        scratch.surface.show(if walk.path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
+        self.materials.evaluate(self.scene, point, &mut scratch.surface);
+        self.collect_emission(&walk.path, point, walk.last, &scratch.surface, features);
+        let u = draw(0);
+        let survival = walk.path.survival(&self.settings.bounces);
+        if u[3] >= survival {
+            features.record_surface(&scratch.surface);
+            return false;
+        }
+        walk.path.throughput /= survival;
+        self.scatter(walk, point, [u[0], u[1], u[2]], guide, scratch, features, draw)
     }
 
     fn collect_emission(
@@ -196,17 +255,16 @@ impl Integrator<'_> {
     /// Sends the path on from a surface, or says that it ends there.
     fn scatter(
         &self,
-        path: &mut PathState,
+        walk: &mut Walk,
         point: &SurfacePoint,
         u: [f32; 3],
         guide: Option<&Guide>,
-        ray: &mut Ray,
         scratch: &mut PathScratch,
         features: &mut Features,
-        last: &mut Option<LastBounce>,
         draw: impl Fn(u32) -> [f32; 4],
     ) -> bool {
         let limits = &self.settings.bounces;
+        let Walk { path, ray, last, .. } = walk;
         let surface = &mut scratch.surface;
         if path.is_last_surface() {
             let through = surface.transparency();
@@ -214,33 +272,22 @@ impl Integrator<'_> {
             path.pass_through(through, limits);
             offset_origin(ray, point);
             ray.t_max = f32::INFINITY;
+            self.leave(walk, point, true);
             return through.max_element() > 0.0;
         }
         self.filter_closures(path, surface);
-        let cones = match guide {
-            Some(guide) if surface.is_guided() => {
-                guide.fill_cones(point.position, surface.horizon(), &mut scratch.cones);
-                Some(&scratch.cones).filter(|cones| cones.share > 0.0)
-            }
-            _ => None,
-        };
-        if let Some(lights) = &self.lights {
-            let shadow_tracer = ShadowTracer {
-                scene: self.scene,
-                bvh: &self.bvh,
-                materials: &self.materials,
-                environment: &self.environment,
-                cones,
-                transparent_left: path.transparent_left(limits),
-            };
-            let on_film = path.throughput * self.settings.film_exposure;
-            match lights.sample_direct(&shadow_tracer, point, surface, &mut scratch.shadow, on_film, draw(1))
-            {
-                Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
-                Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
-                None => {}
-            }
-        }
+        let vertex = Vertex::Surface { point, surface };
+        let cones = guided(guide, &vertex, &mut scratch.cones);
+        self.add_static_light(
+            path,
+            walk.route.as_ref(),
+            vertex,
+            cones,
+            &mut scratch.shadow,
+            &mut scratch.media,
+            features,
+            &draw,
+        );
         let Some((sample, pdf)) = direction(surface, cones, u, || draw(GUIDE_GROUP)) else {
             features.record_surface(surface);
             return false;
@@ -268,7 +315,123 @@ impl Integrator<'_> {
         }
         ray.lobe = path.lobe;
         ray.t_max = f32::INFINITY;
+        let goes_through = point.geometric_normal.dot(sample.wi) < 0.0;
+        self.leave(walk, point, sample.transparent || (goes_through && sample.lobe == Lobe::Transmission));
         true
+    }
+
+    /// Starts the next segment at a surface, behind it if the path goes through.
+    fn leave(&self, walk: &mut Walk, point: &SurfacePoint, goes_through: bool) {
+        if let (Some(media), Some(route)) = (&self.media, &mut walk.route)
+            && goes_through
+        {
+            let triangle = (point.instance, point.primitive);
+            media.cross_at(self.scene, triangle, point.backfacing, &mut route.stack);
+        }
+        walk.begin_segment(point.position);
+    }
+
+    /// Sends the path on from a collision in the media of the scratch memory, or says that it ends there.
+    fn scatter_in_medium(
+        &self,
+        walk: &mut Walk,
+        position: Vec3,
+        guide: Option<&Guide>,
+        scratch: &mut PathScratch,
+        features: &mut Features,
+        draw: impl Fn(u32) -> [f32; 4],
+    ) -> bool {
+        let limits = &self.settings.bounces;
+        features.record_medium(scratch.media.sample.albedo());
+        let u = draw(0);
+        let survival = walk.path.survival(limits);
+        if u[3] >= survival {
+            return false;
+        }
+        walk.path.throughput /= survival;
+        let travel = walk.ray.direction;
+        // Shadow rays use the same memory for the media on their way.
+        let medium = std::mem::take(&mut scratch.media.sample);
+        let vertex = Vertex::Medium { position, direction: travel, medium: &medium };
+        let cones = guided(guide, &vertex, &mut scratch.cones);
+        self.add_static_light(
+            &walk.path,
+            walk.route.as_ref(),
+            vertex,
+            cones,
+            &mut scratch.shadow,
+            &mut scratch.media,
+            features,
+            &draw,
+        );
+        let sample = match cones.map(|cones| (cones, draw(GUIDE_GROUP))) {
+            Some((cones, v)) => {
+                let direction = if v[0] < cones.share {
+                    Some(cones.sample([v[1], v[2], v[3]]))
+                } else {
+                    medium.sample(travel, [u[0], u[1], u[2]]).map(|sample| sample.direction)
+                };
+                direction.map(|direction| {
+                    let (value, pdf) = medium.eval(travel, direction);
+                    let pdf = cones.pdf_with(1.0, pdf, direction);
+                    PhaseSample { direction, weight: value / pdf, pdf }
+                })
+            }
+            None => medium.sample(travel, [u[0], u[1], u[2]]),
+        };
+        scratch.media.sample = medium;
+        let Some(PhaseSample { direction, weight, pdf }) = sample.filter(|sample| sample.weight.is_finite())
+        else {
+            return false;
+        };
+        walk.path.scatter_in_medium(weight, pdf, limits);
+        if let (Some(media), Some(route)) = (&self.media, &walk.route) {
+            walk.path.receiver = media.receiver(&route.stack);
+        }
+        walk.last = Some(LastBounce { position, pdf });
+        walk.ray = Ray { lobe: Lobe::Volume, ..Ray::new(position, direction) };
+        walk.begin_segment(position);
+        true
+    }
+
+    /// Adds light that comes straight from the scene's own emitters to a vertex.
+    fn add_static_light(
+        &self,
+        path: &PathState,
+        route: Option<&Route>,
+        vertex: Vertex<'_>,
+        cones: Option<&Cones>,
+        shadow: &mut Surface,
+        scratch: &mut MediaScratch,
+        features: &mut Features,
+        draw: impl Fn(u32) -> [f32; 4],
+    ) {
+        let Some(lights) = &self.lights else { return };
+        let media = match (&self.media, route) {
+            (Some(media), Some(route)) => Some(ShadowMedia {
+                space: self.space(media),
+                stack: route.stack,
+                crossing: HullCrossing::default(),
+                numbers: TrackingNumbers::new(draw(SHADOW_GROUP)),
+                scratch,
+            }),
+            _ => None,
+        };
+        let mut tracer = ShadowTracer {
+            scene: self.scene,
+            bvh: &self.bvh,
+            materials: &self.materials,
+            environment: &self.environment,
+            cones,
+            transparent_left: path.transparent_left(&self.settings.bounces),
+            media,
+        };
+        let on_film = path.throughput * self.settings.film_exposure;
+        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draw(1)) {
+            Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
+            Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
+            None => {}
+        }
     }
 
     /// Defensive sampling and Filter Glossy (Cycles' `surface_shader_prepare_closures`).
@@ -285,6 +448,13 @@ impl Integrator<'_> {
             }
         }
     }
+}
+
+/// Cones towards lights, if some directions from a vertex are drawn from them.
+fn guided<'c>(guide: Option<&Guide>, vertex: &Vertex<'_>, cones: &'c mut Cones) -> Option<&'c Cones> {
+    let guide = guide.filter(|_| vertex.is_guided())?;
+    guide.fill_cones(vertex.position(), vertex.horizon(), cones);
+    Some(&*cones).filter(|cones| cones.share > 0.0)
 }
 
 /// Direction in which a path goes on, weighted by the density of surface and cones together, which comes second; that
@@ -304,7 +474,7 @@ fn direction(
     } else {
         surface.sample(u)?
     };
-    let pdf = cones.pdf_with(surface, sample.pdf, sample.wi);
+    let pdf = cones.pdf_with(surface.dull_share(), sample.pdf, sample.wi);
     sample.weight *= sample.pdf / pdf;
     Some((sample, pdf))
 }

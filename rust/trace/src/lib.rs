@@ -14,6 +14,7 @@ mod environment;
 pub mod filter;
 mod guide;
 mod integrator;
+mod media;
 mod path;
 mod ray_offset;
 mod render;
@@ -21,6 +22,7 @@ pub mod sampler;
 pub mod settings;
 pub mod shading;
 mod static_light;
+mod vertex;
 
 pub use guide::{Guide, hit_probability};
 pub use integrator::{PathScratch, PathSink};

@@ -21,6 +21,8 @@ pub(crate) struct PathState {
     pub receiver: u16,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::SampleReach::Lights`]).
     pub lights_only: Option<LightsOnly>,
+    /// End of the segment before, if that was left out of the record. Segments that continue its ray are left out, too.
+    pub left_out: Option<End>,
     /// Smallest density of the path's directions so far (Filter Glossy).
     pub min_pdf: f32,
     bounces: u32,
@@ -28,8 +30,11 @@ pub(crate) struct PathState {
     glossy: u32,
     transmission: u32,
     transparent: u32,
+    volume: u32,
     /// True if the current segment left a transparent surface.
     through_transparent: bool,
+    /// True if it continues the ray of the segment before it.
+    continues: bool,
     /// The next surface only emits and lets through.
     last_surface: bool,
     /// The next surface only emits.
@@ -55,13 +60,16 @@ impl PathState {
             light_lobe: Lobe::Camera,
             receiver: 0,
             lights_only: None,
+            left_out: None,
             min_pdf: f32::INFINITY,
             bounces: 0,
             diffuse: 0,
             glossy: 0,
             transmission: 0,
             transparent: 0,
+            volume: 0,
             through_transparent: false,
+            continues: false,
             last_surface: false,
             ends_on_surface: false,
         }
@@ -69,7 +77,13 @@ impl PathState {
 
     /// The current segment, which ends at `end`.
     pub fn segment(&self, end: End) -> Segment {
-        Segment { end, throughput: self.throughput, lobe: self.light_lobe, receiver: self.receiver }
+        Segment {
+            end,
+            throughput: self.throughput,
+            lobe: self.light_lobe,
+            receiver: self.receiver,
+            continues: self.continues,
+        }
     }
 
     /// True if the path is on the first surface after the camera.
@@ -96,11 +110,28 @@ impl PathState {
         if is_early { 1.0 } else { self.throughput.abs().max_element().sqrt().min(1.0) }
     }
 
+    /// Goes straight on with another weight, within a medium that dims channels differently.
+    pub fn change(&mut self, weight: Vec3) {
+        self.throughput *= weight;
+        self.continues = true;
+    }
+
+    /// Scatters in a medium. What the collision leaves of the light was taken into account there; `weight` is of the direction.
+    pub fn scatter_in_medium(&mut self, weight: Vec3, pdf: f32, limits: &BounceLimits) {
+        self.throughput *= weight;
+        self.min_pdf = self.min_pdf.min(pdf);
+        (self.lobe, self.light_lobe, self.is_diffuse) = (Lobe::Volume, Lobe::Volume, false);
+        (self.through_transparent, self.continues) = (false, false);
+        self.bounces += 1;
+        self.volume += 1;
+        self.last_surface |= self.volume > limits.volume || self.bounces > limits.total;
+    }
+
     /// Goes straight through a surface.
     pub fn pass_through(&mut self, weight: Vec3, limits: &BounceLimits) {
         self.throughput *= weight;
         self.transparent += 1;
-        self.through_transparent = true;
+        (self.through_transparent, self.continues) = (true, true);
         self.ends_on_surface |=
             self.transparent >= limits.transparent.saturating_add(limits.more_transparent);
     }
@@ -124,7 +155,7 @@ impl PathState {
         self.lobe = sample.lobe;
         self.is_diffuse = sample.diffuse;
         self.light_lobe = sample.light_lobe;
-        self.through_transparent = false;
+        (self.through_transparent, self.continues) = (false, false);
         self.bounces += 1;
         let (count, limit) = match sample.lobe {
             Lobe::Diffuse => (&mut self.diffuse, limits.diffuse),

@@ -14,6 +14,7 @@ use crate::{
     environment::EnvironmentLight,
     guide::Guide,
     integrator::{Integrator, PathScratch, PathSink},
+    media::Media,
     sampler::PixelSampler,
     settings::TraceSettings,
     shading::PreparedMaterials,
@@ -106,7 +107,7 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// If the scene has too many triangles.
     pub fn new(scene: &'a Scene, settings: &TraceSettings) -> Result<Self, TraceError> {
-        let (materials, warnings) = PreparedMaterials::new(scene);
+        let (materials, mut warnings) = PreparedMaterials::new(scene);
         let environment = EnvironmentLight::new(scene, world_color(scene, settings), &materials);
         let paths = settings.paths.clone();
         let lights = if paths.sample_static_lights {
@@ -114,8 +115,10 @@ impl<'a> Tracer<'a> {
         } else {
             None
         };
+        let media = Media::new(scene, &materials, &guide_targets(scene, settings), &mut warnings);
         let integrator = Integrator {
             scene,
+            media,
             bvh: SceneBvh::new(scene)?,
             camera: CameraSampler::new(&scene.camera, paths.filter),
             materials,

@@ -105,6 +105,9 @@ pub struct BounceLimits {
     pub glossy: u32,
     /// Transmission.
     pub transmission: u32,
+    /// Scattering in media; 0 is once.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub volume: u32,
     /// Transparent surfaces that a path goes straight through and still sees lights behind.
     pub transparent: u32,
     /// Number of further transparent surfaces that a path goes through to what the scene itself emits, and to what
@@ -116,6 +119,10 @@ pub struct BounceLimits {
     pub min_transparent: u32,
 }
 
+fn is_zero(value: &u32) -> bool {
+    *value == 0
+}
+
 impl Default for BounceLimits {
     fn default() -> Self {
         Self {
@@ -123,6 +130,7 @@ impl Default for BounceLimits {
             diffuse: 4,
             glossy: 4,
             transmission: 12,
+            volume: 0,
             transparent: 8,
             more_transparent: 0,
             min_total: 0,

@@ -13,8 +13,10 @@ use crate::{
     emitters::{Emitters, may_be_transparent},
     environment::EnvironmentLight,
     guide::Cones,
+    media::ShadowMedia,
     ray_offset::offset_origin,
     shading::{Hit, PreparedMaterials, SurfacePoint},
+    vertex::Vertex,
 };
 
 /// Contribution below which shadow rays are left to chance: Cycles' default.
@@ -96,13 +98,12 @@ impl StaticLights {
         power_heuristic(last.pdf, environment.density(direction) * self.environment_share())
     }
 
-    /// One light sample for `surface` at `point`, before the path's throughput. That times film exposure, `on_film`, decides
-    /// whether it is worth a shadow ray.
+    /// One light sample for `vertex`, before the path's throughput. That times film exposure, `on_film`, decides whether it is worth a
+    /// shadow ray.
     pub fn sample_direct(
         &self,
-        tracer: &ShadowTracer<'_>,
-        point: &SurfacePoint,
-        surface: &Surface,
+        tracer: &mut ShadowTracer<'_>,
+        vertex: Vertex<'_>,
         scratch: &mut Surface,
         on_film: Vec3,
         u: [f32; 4],
@@ -110,45 +111,56 @@ impl StaticLights {
         let share = self.environment_share();
         if u[3] < share {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
-            let factor = tracer.weighted(surface, point, direction, density * share)?;
+            let factor = tracer.weighted(vertex, direction, density * share)?;
             let radiance = tracer.environment.radiance(tracer.scene, tracer.materials, direction, false);
             let factor = factor / survival(on_film * factor * radiance, u[3] / share)?;
-            let through = self.transmittance(tracer, point, direction, None, scratch)?;
+            let through = self.transmittance(tracer, vertex, direction, None, scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
         let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]]);
-        let towards = target.position - point.position;
+        let towards = target.position - vertex.position();
         let distance_squared = towards.length_squared();
         let direction = towards.try_normalize()?;
         let cos = target.normal.dot(direction).abs();
         let density = target.area_density * (1.0 - share) * distance_squared / cos;
-        let factor = tracer.weighted(surface, point, direction, density)?;
+        let factor = tracer.weighted(vertex, direction, density)?;
         let factor = factor / survival(on_film * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
         let goal = (target.instance, target.triangle);
-        let through = self.transmittance(tracer, point, direction, Some(goal), scratch)?;
+        let through = self.transmittance(tracer, vertex, direction, Some(goal), scratch)?;
         Some(StaticSample::Emission(factor * through * scratch.emission()))
     }
 
-    /// Share of light that comes straight from the emitter `goal`, or from outside, to `point`; nothing if something is
+    /// Share of light that comes straight from the emitter `goal`, or from outside, to `vertex`; nothing if something is
     /// in between. Leaves the emitter's surface in `scratch`.
     fn transmittance(
         &self,
-        tracer: &ShadowTracer<'_>,
-        point: &SurfacePoint,
+        tracer: &mut ShadowTracer<'_>,
+        vertex: Vertex<'_>,
         direction: Vec3,
         goal: Option<(u32, u32)>,
         scratch: &mut Surface,
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
-        let mut ray = Ray { lobe: Lobe::Diffuse, ..Ray::new(point.position, direction) };
-        offset_origin(&mut ray, point);
-        if goal.is_none() && !self.any_transparent {
+        let mut ray = Ray { lobe: Lobe::Diffuse, ..vertex.ray(direction) };
+        if let Some(media) = &mut tracer.media {
+            media.leave_vertex(vertex, direction);
+        }
+        if goal.is_none() && !self.any_transparent && tracer.media.is_none() {
             return (!tracer.bvh.is_blocked(&ray)).then_some(through);
         }
-        for _ in 0..=tracer.transparent_left {
-            let Some(hit) = tracer.bvh.intersect(&ray) else {
-                return goal.is_none().then_some(through);
-            };
+        let mut passed = 0;
+        while passed <= tracer.transparent_left {
+            let hit = tracer.bvh.intersect(&ray);
+            if let Some(media) = &mut tracer.media {
+                through *= media.transmittance(&ray, hit.as_ref());
+                if through.max_element() <= 0.0 {
+                    return None;
+                }
+                if hit.is_some_and(|hit| media.pass_hull(&mut ray, &hit)) {
+                    continue;
+                }
+            }
+            let Some(hit) = hit else { return goal.is_none().then_some(through) };
             let met = (hit.instance, hit.primitive);
             if goal != Some(met) && !self.transparent[hit.instance as usize] {
                 return None;
@@ -161,7 +173,11 @@ impl StaticLights {
             if through.max_element() <= 0.0 {
                 return None;
             }
+            if let Some(media) = &mut tracer.media {
+                media.cross(&hit, direction);
+            }
             offset_origin(&mut ray, &surface_point);
+            passed += 1;
         }
         None
     }
@@ -177,6 +193,8 @@ pub(crate) struct ShadowTracer<'a> {
     pub cones: Option<&'a Cones>,
     /// Number of transparent surfaces that may lie before a light.
     pub transparent_left: u32,
+    /// The media around the vertex, if there are any in the scene.
+    pub media: Option<ShadowMedia<'a>>,
 }
 
 impl ShadowTracer<'_> {
@@ -186,20 +204,10 @@ impl ShadowTracer<'_> {
         point
     }
 
-    /// `f |cos| / density`, weighted against the path's own directions; nothing if the surface sends no light that way.
-    fn weighted(
-        &self,
-        surface: &Surface,
-        point: &SurfacePoint,
-        direction: Vec3,
-        density: f32,
-    ) -> Option<Vec3> {
-        // Directions between the true and the shading surface, which only the lights of the dump are met in.
-        if point.geometric_normal.dot(direction) * point.shading_normal.dot(direction) <= 0.0 {
-            return None;
-        }
-        let (value, pdf) = surface.eval(direction);
-        let pdf = self.cones.map_or(pdf, |cones| cones.pdf_with(surface, pdf, direction));
+    /// `f |cos| / density`, weighted against the path's own directions; nothing if the vertex sends no light that way.
+    fn weighted(&self, vertex: Vertex<'_>, direction: Vec3, density: f32) -> Option<Vec3> {
+        let (value, pdf) = vertex.eval(direction)?;
+        let pdf = self.cones.map_or(pdf, |cones| cones.pdf_with(vertex.dull_share(), pdf, direction));
         let factor = value * (power_heuristic(density, pdf) / density);
         (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
     }

@@ -37,7 +37,7 @@ fn square(nodes: &Value) -> Scene {
         },
         meshes: vec![mesh],
         instances: vec![Instance::new("square", 0, Affine3A::IDENTITY, vec![0])],
-        materials: vec![Material { name: "test".into(), nodes, surface }],
+        materials: vec![Material { name: "test".into(), nodes, surface, ..Material::default() }],
         ..Scene::default()
     }
 }

@@ -95,7 +95,8 @@ impl Room {
                         false => End::Vertex(wall / wall.abs().max_element().max(1e-3) * 4.0),
                     };
                     let lobe = if depth == 0 { Lobe::Camera } else { Lobe::Diffuse };
-                    samples.push(Segment { end, throughput: Vec3::splat(0.5), lobe, receiver: 0 });
+                    let throughput = Vec3::splat(0.5);
+                    samples.push(Segment { end, throughput, lobe, receiver: 0, continues: false });
                 }
             }
         }

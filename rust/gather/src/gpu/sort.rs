@@ -16,9 +16,13 @@ pub const MOST_SHARDS: usize = 128;
 /// `position_z_flags` of an origin record, which is no segment.
 const NOTHING: u32 = 7 << 18;
 
-/// Segments that are sorted apart: those from the camera, those to other vertices, those that escape.
-const CLASSES: usize = 3;
+/// Segments that are sorted apart: those from the camera, those to other vertices, those that escape, and the latter two
+/// again where they continue a ray.
+const CLASSES: usize = 5;
 const ESCAPES: usize = 2;
+/// First of the classes whose segments continue a ray, and what is added for these.
+const CONTINUING: usize = 3;
+const TO_CONTINUING: usize = 2;
 
 /// Pixels of a tile whose segments are sorted together.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +41,16 @@ pub struct Blocks {
     pub segments: Vec<[u32; 4]>,
     pub throughput: Vec<u32>,
     pub bounds: Vec<SegmentBounds>,
+    /// Of the last segments, those that continue a ray: metres from where that began to where they start.
+    pub behind: Vec<f32>,
+}
+
+/// Numbers of blocks.
+#[derive(Clone, Copy, Debug)]
+pub struct BlockCount {
+    pub all: usize,
+    /// The last ones, of segments that continue a ray.
+    pub continuing: usize,
 }
 
 #[derive(Clone, Copy)]
@@ -44,6 +58,7 @@ struct Item {
     ends: SegmentEnds,
     words: [u32; 4],
     throughput: u32,
+    behind: f32,
 }
 
 impl PixelGroup {
@@ -87,8 +102,8 @@ impl PixelGroup {
         shards.map(records).sum::<usize>() + Self::PADDING
     }
 
-    /// Number of blocks that its segments make up.
-    pub fn block_count(&self, dump: &Dump) -> usize {
+    /// Numbers of blocks that its segments make up.
+    pub fn block_count(&self, dump: &Dump) -> BlockCount {
         let mut segments = [0; CLASSES];
         for shard in dump.tile(self.tile) {
             for pixel in 0..self.pixel_count() {
@@ -97,7 +112,8 @@ impl PixelGroup {
                 classes.for_each(|class| segments[class] += 1);
             }
         }
-        segments.iter().map(|count: &usize| count.div_ceil(BLOCK)).sum()
+        let blocks = segments.map(|count: usize| count.div_ceil(BLOCK));
+        BlockCount { all: blocks.iter().sum(), continuing: blocks[CONTINUING..].iter().sum() }
     }
 
     /// Sorts the segments.
@@ -118,10 +134,17 @@ impl PixelGroup {
         }
         let mut blocks = Blocks::default();
         for (class, items) in classes.iter_mut().enumerate() {
-            let escape = class == ESCAPES;
+            let continuing = class >= CONTINUING;
+            let escape = [ESCAPES, ESCAPES + TO_CONTINUING].contains(&class);
             // Directions weigh like distances across the scene.
             let end_weight = if escape { frame.diagonal() } else { 1.0 };
-            split(items, end_weight, &mut |items| blocks.push(items, escape, frame));
+            split(items, end_weight, &mut |items| {
+                blocks.push(items, escape, frame);
+                if continuing {
+                    blocks.behind.extend(items.iter().map(|item| item.behind));
+                    blocks.behind.resize(blocks.behind.len().next_multiple_of(BLOCK), 0.0);
+                }
+            });
         }
         blocks
     }
@@ -135,7 +158,8 @@ fn flags_of(z_flags: u32) -> Flags {
 /// The class of a record, if it is a segment.
 fn class(flags: Flags) -> Option<usize> {
     flags.lobe()?;
-    Some(if flags.escaped() { ESCAPES } else { usize::from(!flags.path_start()) })
+    let class = if flags.escaped() { ESCAPES } else { usize::from(!flags.starts_at_camera()) };
+    Some(if flags.continues() { class + TO_CONTINUING } else { class })
 }
 
 /// A record and its class, if it is a segment; `place` is what is added to the last word.
@@ -149,7 +173,7 @@ fn item(shard: &Shard, record: usize, place: u32) -> Option<(usize, Item)> {
         let grid = [xy[record] as u16, (xy[record] >> 16) as u16, z_flags[record] as u16];
         shard.grid().decode(grid)
     };
-    let start = if flags.path_start() { shard.camera_position() } else { position(before) };
+    let start = if flags.starts_at_camera() { shard.camera_position() } else { position(before) };
     let end = match flags.escaped() {
         true => {
             let direction = decode_direction(xy[record]);
@@ -158,7 +182,11 @@ fn item(shard: &Shard, record: usize, place: u32) -> Option<(usize, Item)> {
         false => position(record),
     };
     let words = [xy[record], z_flags[record], xy[before], z_flags[before] & 0xffff | place];
-    Some((class, Item { ends: SegmentEnds { start, end }, words, throughput: shard.throughput()[record] }))
+    let behind = if flags.continues() { shard.ray_origin(record).distance(start) } else { 0.0 };
+    Some((
+        class,
+        Item { ends: SegmentEnds { start, end }, words, throughput: shard.throughput()[record], behind },
+    ))
 }
 
 /// Halves segments along the widest side of their bounds until they make up a block.

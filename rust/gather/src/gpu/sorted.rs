@@ -3,21 +3,22 @@ use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
-use relume_dump::Dump;
+use relume_dump::{Dump, Flags};
 use relume_gpu::{Buffer, Commands, Gpu, GpuError, Kernel};
 use relume_scene::{Light, LightShape};
 
 use super::bounds::{BoundsFrame, SegmentBounds};
 use super::chunk::GpuShard;
 use super::light::{GpuLight, GpuLights};
-use super::sort::{BLOCK, Blocks, MOST_SHARDS, PixelGroup};
+use super::sort::{BLOCK, BlockCount, Blocks, MOST_SHARDS, PixelGroup};
 use super::{GpuGather, if_it_fits};
 use crate::{GatherError, PreparedLight, SampleSplit};
 
 /// Blocks that are sorted at a time, 256 MiB: until they are on the device they are in the CPU's memory.
 const BLOCKS_AT_ONCE: usize = 1 << 18;
-/// Bytes of a segment on the device, and of the bounds of a block.
+/// Bytes of a segment on the device, those more where it continues a ray, and those of the bounds of a block.
 const SEGMENT_BYTES: usize = 20;
+const BEHIND_BYTES: usize = 4;
 const BOUNDS_BYTES: usize = size_of::<SegmentBounds>();
 /// Bytes that the gather in the order of paths reads of a segment that the light is far from.
 const PATH_ORDER_BYTES: f64 = 8.0;
@@ -41,6 +42,7 @@ struct GpuGroup {
     first_block: u32,
     end_block: u32,
     first_shard: u32,
+    behind_shift: u32,
     scales: [f32; 3],
 }
 
@@ -58,7 +60,7 @@ struct Arguments {
 }
 
 /// A group and how many blocks it has.
-type Counted = (PixelGroup, usize);
+type Counted = (PixelGroup, BlockCount);
 
 /// A dump on the device whose segments are sorted, so that most of them need not be read for a small light.
 #[derive(Debug)]
@@ -77,14 +79,17 @@ struct SortedChunk {
     bounds: Buffer<SegmentBounds>,
     shards: Buffer<GpuShard>,
     groups: Buffer<GpuGroup>,
+    /// Of the segments that continue a ray, [`Blocks::behind`].
+    behind: Buffer<f32>,
 }
 
 impl SortedChunk {
     /// Room for the segments of some groups, whose blocks are counted.
     fn new(gpu: &Gpu, dump: &Dump, groups: &[Counted]) -> Result<Self, GpuError> {
-        let (mut shards, mut table, mut blocks) = (Vec::new(), Vec::new(), 0);
+        let (mut shards, mut table) = (Vec::new(), Vec::new());
+        let (mut blocks, mut continuing) = (0, 0);
         let mut first_shard = (usize::MAX, 0);
-        for (group, block_count) in groups {
+        for (group, count) in groups {
             if first_shard.0 != group.tile {
                 first_shard = (group.tile, shards.len() as u32);
                 shards.extend(dump.tile(group.tile).map(|shard| GpuShard::new(shard)));
@@ -95,11 +100,13 @@ impl SortedChunk {
                 width: group.width as u32,
                 pixels: group.pixel_count() as u32,
                 first_block: blocks as u32,
-                end_block: (blocks + block_count) as u32,
+                end_block: (blocks + count.all) as u32,
                 first_shard: first_shard.1,
+                behind_shift: ((blocks + count.all - count.continuing - continuing) * BLOCK) as u32,
                 scales: [SampleSplit::All, SampleSplit::First, SampleSplit::Second].map(scale),
             });
-            blocks += block_count;
+            blocks += count.all;
+            continuing += count.continuing;
         }
         Ok(Self {
             segments: gpu.zeros("sorted segments", blocks * BLOCK)?,
@@ -107,14 +114,16 @@ impl SortedChunk {
             bounds: gpu.zeros("bounds of sorted segments", blocks)?,
             shards: gpu.buffer_of("shards", &shards)?,
             groups: gpu.buffer_of("groups of pixels", &table)?,
+            behind: gpu.zeros("ways behind sorted segments", continuing * BLOCK)?,
         })
     }
 
-    /// Replaces the blocks from `first` on.
-    fn write(&self, gpu: &Gpu, first: usize, blocks: &Blocks) {
+    /// Replaces the blocks from `first` on, whose ways behind are those from `first_behind` on.
+    fn write(&self, gpu: &Gpu, first: usize, first_behind: usize, blocks: &Blocks) {
         gpu.write(&self.segments, first * BLOCK, &blocks.segments);
         gpu.write(&self.throughput, first * BLOCK, &blocks.throughput);
         gpu.write(&self.bounds, first, &blocks.bounds);
+        gpu.write(&self.behind, first_behind, &blocks.behind);
     }
 }
 
@@ -126,8 +135,11 @@ impl Sorted {
         if many_shards || PixelGroup::all(dump).any(|group| group.room(dump) > most_segments(gpu)) {
             return None;
         }
-        let segments = dump.record_count() + PixelGroup::all(dump).count() * PixelGroup::PADDING;
-        Some((segments * SEGMENT_BYTES + segments.div_ceil(BLOCK) * BOUNDS_BYTES) as u64)
+        let padding = PixelGroup::all(dump).count() * PixelGroup::PADDING;
+        let (segments, continuing) = (dump.record_count() + padding, continuing(dump));
+        let behind = if continuing > 0 { continuing + padding } else { 0 };
+        let bounds = segments.div_ceil(BLOCK) * BOUNDS_BYTES;
+        Some((segments * SEGMENT_BYTES + behind * BEHIND_BYTES + bounds) as u64)
     }
 
     /// Sorts a dump on all threads of the current pool: some hundred nanoseconds a segment and thread. Nothing if that was
@@ -162,15 +174,16 @@ impl Sorted {
         let sort = |(group, _): &Counted| (!cancelled()).then(|| group.sort(dump, &sorted.frame));
         for groups in runs(&groups, of_chunk) {
             let chunk = SortedChunk::new(gpu, dump, groups)?;
-            let mut first_block = 0;
+            let (mut first_block, mut first_behind) = (0, 0);
             for groups in runs(groups, at_once) {
                 let all: Option<Vec<Blocks>> = groups.par_iter().map(sort).collect();
                 let Some(all) = all else { return Ok(None) };
                 for blocks in all {
-                    chunk.write(gpu, first_block, &blocks);
+                    chunk.write(gpu, first_block, first_behind, &blocks);
                     let to_next = first_block.next_multiple_of(every) - first_block;
                     sorted.sample.extend(blocks.bounds.iter().skip(to_next).step_by(every));
                     first_block += blocks.bounds.len();
+                    first_behind += blocks.behind.len();
                 }
                 gpu.wait_for(gpu.submit_writes()?)?;
             }
@@ -247,6 +260,7 @@ impl Sorted {
                 chunk.bounds.whole(),
                 chunk.shards.whole(),
                 chunk.groups.whole(),
+                chunk.behind.whole(),
                 images.whole(),
             ])?;
             commands.run(&bound, chunk.groups.len() as u32, bytemuck::bytes_of(&arguments));
@@ -258,7 +272,7 @@ impl Sorted {
 impl GpuGather {
     /// Sorts the segments so that a light that is small in the scene touches few of them: unit images of such lights then
     /// cost a fraction of what they did. Takes some hundred nanoseconds a segment and thread, and 21 bytes a segment of the
-    /// device's memory; other calls go on meanwhile. Returns whether there was room for it.
+    /// device's memory, 25 of one that continues a ray; other calls go on meanwhile. Returns whether there was room for it.
     ///
     /// # Errors
     /// If the device was lost.
@@ -331,12 +345,19 @@ fn most_segments(gpu: &Gpu) -> usize {
     (gpu.limits().buffer / size_of::<[u32; 4]>() as u64) as usize
 }
 
+/// Number of segments that continue a ray.
+fn continuing(dump: &Dump) -> usize {
+    let shards: Vec<_> = dump.shards().collect();
+    let continues = |word: &&u32| Flags((**word >> 16) as u16).continues();
+    shards.into_par_iter().map(|shard| shard.position_z_flags().iter().filter(continues).count()).sum()
+}
+
 /// Groups, as many together as have this many blocks at most; one alone may have more.
 fn runs(groups: &[Counted], most_blocks: usize) -> impl Iterator<Item = &[Counted]> {
     let mut blocks = 0;
     groups.chunk_by(move |(_, before), (_, after)| {
-        blocks += before;
-        let fits = blocks + after <= most_blocks;
+        blocks += before.all;
+        let fits = blocks + after.all <= most_blocks;
         blocks *= usize::from(fits);
         fits
     })
@@ -352,16 +373,16 @@ mod tests {
     #[test]
     fn groups_are_taken_together_as_long_as_their_blocks_fit() {
         let group = PixelGroup::all(&random_dump_of(4, &[1])).next().unwrap();
-        let groups = [3, 4, 2, 9, 1, 1].map(|blocks| (group, blocks));
+        let groups = [3, 4, 2, 9, 1, 1].map(|all| (group, BlockCount { all, continuing: 1 }));
         let found: Vec<Vec<_>> =
-            runs(&groups, 7).map(|groups| groups.iter().map(|(_, blocks)| *blocks).collect()).collect();
+            runs(&groups, 7).map(|groups| groups.iter().map(|(_, count)| count.all).collect()).collect();
         assert_eq!(found, [vec![3, 4], vec![2], vec![9], vec![1, 1]]);
     }
 
     #[test]
     fn groups_and_arguments_have_the_layout_of_their_wgsl_twins() {
         relume_gpu::assert_mirror!(GpuGroup as "gather/blocks", "Group", {
-            first_pixel, width, pixels, first_block, end_block, first_shard, scales,
+            first_pixel, width, pixels, first_block, end_block, first_shard, behind_shift, scales,
         });
         relume_gpu::assert_mirror!(Arguments as "gather/blocks", "Arguments", {
             frame, first_light, lights, paths, image_width, stride,

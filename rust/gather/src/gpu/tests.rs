@@ -201,6 +201,29 @@ fn sorted_segments_give_the_same_images() {
     }
 }
 
+#[test]
+fn cut_rays_collect_the_same_in_any_order() {
+    let gather = Gather::new(crate::tests::pieces::cut_rays());
+    let lights = gather.prepare_all(&random_lights()).unwrap();
+    let expected = gather.unit_images(&lights, SampleSplit::All);
+    let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+    let in_path_order = on_gpu.unit_images(&lights, SampleSplit::All).unwrap();
+    assert!(on_gpu.sort().unwrap());
+    let all: Vec<_> = (0..lights.len()).collect();
+    let sorted = on_gpu.gather_as(&lights, SampleSplit::All, &all, &[]).unwrap();
+    let values = on_gpu.image_values();
+    for group in sorted {
+        for (number, &light) in group.lights.iter().enumerate() {
+            let data = on_gpu.gpu.read(&group.sums, number * values..(number + 1) * values).unwrap();
+            let sorted = Image { data, ..in_path_order[light].clone() };
+            let differing = [&sorted, &in_path_order[light]].map(|image| differing(image, &expected[light]));
+            // A ray that passes the edge of a light within rounding.
+            assert!(differing.iter().all(|&values| values <= 3), "{differing:?}: light {light}");
+        }
+    }
+    assert!(expected.iter().flat_map(|image| &image.data).filter(|value| **value > 0.0).count() > 5000);
+}
+
 /// Every pixel has a segment of its own along an axis, 64 times, and one that escapes along another: blocks without extent.
 fn bundles(place: &[Vec3]) -> Dump {
     dump(manifest(4, &[64]), |pixel, _, samples| {

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use relume_dump::Shard;
+use relume_dump::{Flags, Shard};
 
 use crate::lanes::{Lanes, Vec3x, WIDTH};
 use crate::light::FAR;
@@ -173,10 +173,10 @@ impl<L: Lanes> Decoder<L> {
     #[inline(always)]
     fn decode(&self, xy: &[u32; WIDTH], z_flags: &[u32; WIDTH], before: Vec3x<L>, group: &mut SegmentGroup) {
         /// Bits of the flags in `position_z_flags`.
-        const PATH_START: u32 = 16;
+        const NOT_FROM_CAMERA: u32 = (Flags::NOT_FROM_CAMERA as u32) << 16;
         const ESCAPED: u32 = 17;
         // An origin record has no segment of its own: its lobe makes nothing of what it seems to cross.
-        let origin = Vec3x::select(L::bit::<PATH_START>(z_flags), self.camera, before);
+        let origin = Vec3x::select(L::none_of::<NOT_FROM_CAMERA>(z_flags), self.camera, before);
         // Without a branch: escapes come in no order that a processor could predict.
         let (low, high) = L::unpack(xy);
         let edge = self.end(xy, z_flags).sub(origin);

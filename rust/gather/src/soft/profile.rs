@@ -8,20 +8,21 @@ use super::wide::{Wide, Wide3};
 use crate::lanes::Lanes;
 use crate::light::Spread;
 
-/// Eight segments: where they start, where they go, and how far.
+/// Eight pieces of rays: where the rays begin, where they go, and how far along them the pieces start and end.
 #[derive(Clone, Copy)]
 pub struct Segments<L> {
     origin: Wide3<L>,
     direction: Wide3<L>,
-    length: Wide<L>,
+    start: Wide<L>,
+    end: Wide<L>,
 }
 
 impl<L: Lanes> Segments<L> {
-    /// Segments with these origins and edges that are longer than 0.
+    /// Pieces with these edges, longer than 0, so far from where their rays begin.
     #[inline(always)]
-    pub fn new(origin: Wide3<L>, edge: Wide3<L>) -> Self {
+    pub fn new(origin: Wide3<L>, edge: Wide3<L>, start: Wide<L>) -> Self {
         let length = edge.dot(edge).sqrt();
-        Self { origin, direction: edge * length.recip(), length }
+        Self { origin, direction: edge * length.recip(), start, end: start + length }
     }
 }
 
@@ -54,10 +55,10 @@ fn ahead<L: Lanes>(distance: Wide<L>, width: f32) -> (Wide<L>, Wide<L>) {
     (value, slope * (0.5 / width))
 }
 
-/// Smooth indicator that a point at a distance along the segments lies on them, and its derivative by the distance.
+/// Smooth indicator that a point at a distance along the rays lies on the pieces, and its derivative by the distance.
 #[inline(always)]
-fn between<L: Lanes>(distance: Wide<L>, length: Wide<L>, width: f32) -> (Wide<L>, Wide<L>) {
-    let (start, end) = (ahead(distance, width), ahead(distance - length, width));
+fn between<L: Lanes>(distance: Wide<L>, segments: &Segments<L>, width: f32) -> (Wide<L>, Wide<L>) {
+    let (start, end) = (ahead(distance - segments.start, width), ahead(distance - segments.end, width));
     (start.0 - end.0, start.1 - end.1)
 }
 
@@ -70,23 +71,36 @@ struct Chord<L> {
 
 /// Share of the shifts along the segment by which it crosses a ball's surface: of those that put the centre between `-half`
 /// (where segments that start inside leave; 0 for one-sided balls) and `half` beyond the origin, if they do not end before,
-/// or between `half` and `length + half`.
+/// or between `half` and `length + half`. Of a piece, what the ray does up to its end, less what it does up to its start.
 #[inline(always)]
-fn crossed<L: Lanes>(along: Wide<L>, half: Wide<L>, length: Wide<L>, width: f32, two_sided: f32) -> Chord<L> {
+fn crossed<L: Lanes>(
+    along: Wide<L>,
+    half: Wide<L>,
+    segments: &Segments<L>,
+    width: f32,
+    two_sided: f32,
+) -> Chord<L> {
     let low = -two_sided * half;
-    let leaving = (length - half).min(half);
-    let middle = leaving.max(low);
-    let by_leaving = (2.0 * half).select_less(length, Wide::from(1.0), Wide::from(-1.0));
-    let middle_by_half = leaving.select_less(low, Wide::from(-two_sided), by_leaving);
-    let (a, a1) = ahead(along - low, width);
-    let (b, b1) = ahead(along - middle, width);
-    let (c, c1) = ahead(along - half, width);
-    let (d, d1) = ahead(along - half - length, width);
+    let (from, from_by_half) = leaving(half, low, segments.start, two_sided);
+    let (to, to_by_half) = leaving(half, low, segments.end, two_sided);
+    let (a, a1) = ahead(along - from, width);
+    let (b, b1) = ahead(along - to, width);
+    let (c, c1) = ahead(along - half - segments.start, width);
+    let (d, d1) = ahead(along - half - segments.end, width);
     Chord {
         value: a - b + c - d,
         by_along: a1 - b1 + c1 - d1,
-        by_half: a1 * two_sided + b1 * middle_by_half - c1 + d1,
+        by_half: b1 * to_by_half - a1 * from_by_half - c1 + d1,
     }
+}
+
+/// How far the centre may lie beyond the origin at most so that a ray of this length does not leave the ball, and its derivative by
+/// the half chord.
+#[inline(always)]
+fn leaving<L: Lanes>(half: Wide<L>, low: Wide<L>, length: Wide<L>, two_sided: f32) -> (Wide<L>, Wide<L>) {
+    let leaving = (length - half).min(half);
+    let by_leaving = (2.0 * half).select_less(length, Wide::from(1.0), Wide::from(-1.0));
+    (leaving.max(low), leaving.select_less(low, Wide::from(-two_sided), by_leaving))
 }
 
 /// Half of the chord as a share of the radius: `sqrt(1 - x)`, continued beyond the rim so that its slope stays finite.
@@ -147,7 +161,7 @@ fn sphere<L: Lanes>(ball: &SoftBall, segments: &Segments<L>, two_sided: f32) -> 
     let x = across2 * inverse2;
     let disk = rim(x, edge);
     let chord = half_chord(x, edge);
-    let window = crossed(along, chord.value * ball.radius, segments.length, ball.width, two_sided);
+    let window = crossed(along, chord.value * ball.radius, segments, ball.width, two_sided);
     let by_chord = disk.value * window.by_half * ball.radius;
     let by_x = disk.by_x * window.value + by_chord * chord.by_x;
     let by_edge = disk.by_edge * window.value + by_chord * chord.by_edge;
@@ -175,7 +189,7 @@ fn facing_disk<L: Lanes>(ball: &SoftBall, segments: &Segments<L>) -> Round<L> {
     let x = across2 * (1.0 + tilt) * inverse2;
     let disk = rim(x, edge);
     let crossing = along * (1.0 + tilt);
-    let (window, by_crossing) = between(crossing, segments.length, ball.width);
+    let (window, by_crossing) = between(crossing, segments, ball.width);
     let by_x = disk.by_x * window;
     let by_crossing = disk.value * by_crossing;
     let value = share * (disk.value * window);
@@ -292,7 +306,7 @@ pub fn area_slopes<L: Lanes>(plane: &SoftPlane, segments: &Segments<L>) -> [Wide
     let cos = -segments.direction.dot(normal);
     let inverse_cos = cos.max(GRAZING.into()).recip();
     let distance = -to_center.dot(normal) * inverse_cos;
-    let (window, by_distance) = between(distance, segments.length, plane.width);
+    let (window, by_distance) = between(distance, segments, plane.width);
     let (front, front_slope) = emission(plane, cos, inverse_cos);
     // The crossing relative to the centre, in the plane.
     let crossing = segments.direction * distance - to_center;

@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{Mat3, Vec3};
-use relume_dump::{End, Lobe, TileSamples};
+use relume_dump::{End, Lobe, Segment, TileSamples};
 use relume_image::Image;
 use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 
@@ -11,7 +11,7 @@ use super::{Random, dump, light, manifest, segment};
 use crate::{Environment, Gather, Noise, SampleSplit, relight};
 
 fn world(color: [f32; 3], texture: Option<usize>) -> World {
-    World { color, texture, texture_from_world: Mat3::IDENTITY, visible_camera: true }
+    World { color, texture, texture_from_world: Mat3::IDENTITY, visible_camera: true, ..World::default() }
 }
 
 fn texture(width: usize, height: usize, texels: Texels) -> Texture {
@@ -66,7 +66,7 @@ fn a_constant_world_gives_the_share_of_escaping_paths() {
             // Two of five.
             1 if sample < 2 => samples.push(segment(End::Escape(Vec3::Z), Lobe::Diffuse)),
             // The camera passes through glass.
-            2 => samples.push(segment(End::Escape(Vec3::Z), Lobe::Camera)),
+            2 => samples.push(Segment { continues: true, ..segment(End::Escape(Vec3::Z), Lobe::Camera) }),
             _ => samples.push(segment(End::Vertex(Vec3::ZERO), Lobe::Diffuse)),
         }
     });
@@ -131,6 +131,7 @@ fn noise_between_halves_predicts_the_error_of_the_whole() {
     let (size, samples) = (32, 64);
     let mut random = Random(5);
     let dump = dump(manifest(size, &[samples]), |_, _, samples: &mut TileSamples| {
+        samples.push(segment(End::Vertex(Vec3::new(0.0, 0.0, 5.0)), Lobe::Camera));
         let z = if random.next() < 0.25 { -5.0 } else { 4.0 };
         samples.push(segment(End::Vertex(Vec3::new(0.0, 0.0, z)), Lobe::Diffuse));
     });

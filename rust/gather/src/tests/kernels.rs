@@ -14,20 +14,24 @@ fn random_dump() -> Dump {
     random_dump_of(6, &[1, 3, 4])
 }
 
-/// Random dump of a square image with passes of these sizes.
+/// Random dump of a square image with passes of these sizes, of which some segments continue the ones before.
 pub fn random_dump_of(size: usize, samples: &[u32]) -> Dump {
     let mut random = Random(3);
     dump(manifest(size, samples), |_, _, samples: &mut TileSamples| {
+        let (mut lobe, mut receiver) = (Lobe::Camera, 0);
         for depth in 0..1 + (random.next() * 5.0) as usize {
-            let lobe = Lobe::ALL[if depth == 0 { 0 } else { 1 + (random.next() * 4.0) as usize }];
+            let continues = depth > 0 && random.next() < 0.3;
+            if depth > 0 && !continues {
+                lobe = Lobe::ALL[1 + (random.next() * 4.0) as usize];
+                receiver = (random.next() * 5.0) as u16;
+            }
             let throughput = Vec3::new(random.next(), random.next(), random.next());
-            let receiver = (random.next() * 5.0) as u16;
             let escapes = random.next() < 0.2;
             let end = match escapes {
                 true => End::Escape(random.point(1.0).normalize()),
                 false => End::Vertex(random.point(3.0)),
             };
-            samples.push(Segment { end, throughput, lobe, receiver });
+            samples.push(Segment { end, throughput, lobe, receiver, continues });
             if escapes {
                 break;
             }
@@ -153,13 +157,17 @@ fn the_kernel_equals_a_plain_loop_over_decoded_segments() {
         for (x, y) in (0..6).flat_map(|y| (0..6).map(move |x| (x, y))) {
             let mut sum = Vec3::ZERO;
             for (shard, pixel) in dump.pixel(x, y) {
-                for s in shard.segments(pixel) {
+                for (record, s) in shard.pixel(pixel).map(|record| (record, shard.segment(record).unwrap())) {
                     let edge = match s.end {
                         End::Vertex(vertex) => vertex - s.origin,
                         End::Escape(direction) => direction * FAR,
                     };
-                    let crossed = light.profile.evaluate(s.origin, edge, s.flags.escaped());
-                    sum += s.throughput * (light.factor(s.flags) * crossed);
+                    let before = edge.normalize() * shard.ray_origin(record).distance(s.origin);
+                    let from = s.origin - before;
+                    let is_crossed = light.profile.evaluate(from, before, false) != 0.0;
+                    let crossed = light.profile.evaluate(from, before + edge, s.flags.escaped());
+                    let collected = if is_crossed { 0.0 } else { crossed };
+                    sum += s.throughput * (light.factor(s.flags) * collected);
                 }
             }
             let expected = (sum * 0.125).to_array();
@@ -209,7 +217,7 @@ fn crossing_dump() -> Dump {
             let end = Vec3::new(0.0, 0.0, if index % 2 == 0 { -5.0 } else { 5.0 });
             let throughput = Vec3::splat(f32::from(1u8 << index));
             let receiver = index as u16;
-            samples.push(Segment { end: End::Vertex(end), throughput, lobe, receiver });
+            samples.push(Segment { end: End::Vertex(end), throughput, lobe, receiver, continues: false });
         }
         samples.push(segment(End::Escape(Vec3::X), Lobe::Diffuse));
     })
@@ -296,6 +304,7 @@ fn halves_of_whole_passes_make_up_the_whole() {
     let dump = |passes: &[u32]| {
         let mut random = Random(11);
         dump(manifest(32, passes), move |_, _, samples: &mut TileSamples| {
+            samples.push(segment(End::Vertex(Vec3::new(0.0, 0.0, 5.0)), Lobe::Camera));
             let z = if random.next() < 0.25 { -5.0 } else { 4.0 };
             samples.push(segment(End::Vertex(Vec3::new(0.0, 0.0, z)), Lobe::Diffuse));
         })

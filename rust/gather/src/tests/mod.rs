@@ -4,6 +4,7 @@ mod closed_form;
 mod denoise;
 mod images;
 pub mod kernels;
+pub mod pieces;
 mod soft;
 
 use glam::Vec3;
@@ -60,7 +61,7 @@ pub fn dump(manifest: Manifest, mut path: impl FnMut(usize, u32, &mut TileSample
 
 /// A segment of throughput 1 in all channels.
 pub fn segment(end: End, lobe: Lobe) -> Segment {
-    Segment { end, throughput: Vec3::ONE, lobe, receiver: 0 }
+    Segment { end, throughput: Vec3::ONE, lobe, receiver: 0, continues: false }
 }
 
 /// A light of radiance 1.

@@ -56,10 +56,12 @@ class SceneBuilder:
         shadow_terminator_offset: float = 0.1,
         shadow_terminator_shading: float = 0.0,
         visibility: Sequence[bool] = (True, True, True, True),
+        visible_volume_scatter: bool = True,
+        density_factor: float = 1.0,
         grids: int | None = None,
     ) -> None:
         """Places a mesh; matrices are rows, one material a slot, visibility to camera, diffuse, glossy and
-        transmission rays. `grids`: those of the volume that fills it."""
+        transmission rays. The density of a medium inside is multiplied by a factor; `grids` are those of a volume."""
 
     def add_grid_file(
         self,
@@ -128,8 +130,11 @@ class SceneBuilder:
         texture: int | None = None,
         texture_from_world: Matrix3 = ...,
         visible_camera: bool = True,
+        volume: int | None = None,
+        receiver: int = 0,
     ) -> None:
-        """Background radiance, or factor on an equirectangular texture."""
+        """Background radiance, or factor on an equirectangular texture. `volume` is a material whose volume fills all
+        space, as an object of a receiver number."""
 
     def add_light(self, json: str) -> None:
         """A Blender light in the JSON form of `relume_scene::BlenderLight`."""

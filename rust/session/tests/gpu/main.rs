@@ -26,6 +26,8 @@ const SKY: World = World {
     texture: Some(0),
     texture_from_world: Mat3::IDENTITY,
     visible_camera: true,
+    volume: None,
+    receiver: 0,
 };
 
 /// 8 x 4 texels that grow brighter.

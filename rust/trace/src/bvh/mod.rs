@@ -164,14 +164,14 @@ impl SceneBvh {
 
 const ALL_VISIBLE: u8 = 0b1_1111;
 
-/// Volume scattering counts as diffuse, as in Cycles (`path_state_ray_visibility`).
+/// Rays from volume scattering count as diffuse, too, as in Cycles (`path_state_ray_visibility`).
 fn visibility_bits(instance: &Instance) -> u8 {
     [
         (instance.visible_camera, Lobe::Camera),
         (instance.visible_diffuse, Lobe::Diffuse),
         (instance.visible_glossy, Lobe::Glossy),
         (instance.visible_transmission, Lobe::Transmission),
-        (instance.visible_diffuse, Lobe::Volume),
+        (instance.visible_diffuse || instance.visible_volume_scatter, Lobe::Volume),
     ]
     .into_iter()
     .fold(0, |bits, (visible, lobe)| bits | u8::from(visible) << lobe as u8)

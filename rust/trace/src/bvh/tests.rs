@@ -294,5 +294,15 @@ fn hidden_instances_are_seen_by_other_rays_only() {
         let first = |lobe| bvh.intersect(&Ray { lobe, ..Ray::new(Vec3::ZERO, Vec3::Z) }).unwrap().instance;
         let all = [Lobe::Camera, Lobe::Diffuse, Lobe::Glossy, Lobe::Transmission, Lobe::Volume].map(first);
         assert_eq!(all, [0, 0, 1, 0, 0]);
+        // What a medium scattered counts as diffuse, too.
+        for (visible_diffuse, visible_volume_scatter, seen) in
+            [(false, true, 0), (true, false, 0), (false, false, 1)]
+        {
+            let instance = &mut scene.instances[0];
+            (instance.visible_diffuse, instance.visible_volume_scatter) =
+                (visible_diffuse, visible_volume_scatter);
+            let ray = Ray { lobe: Lobe::Volume, ..Ray::new(Vec3::ZERO, Vec3::Z) };
+            assert_eq!(SceneBvh::new(&scene).unwrap().intersect(&ray).unwrap().instance, seen);
+        }
     }
 }

@@ -15,7 +15,7 @@ use glam::Vec3;
 use relume_scene::{Light, LightShape};
 
 use self::target::{GuideTarget, Narrow, brightness, height};
-use crate::bsdf::{ShadingFrame, Surface};
+use crate::bsdf::ShadingFrame;
 use crate::settings::MOST_GUIDING;
 
 /// Most guide targets: each costs some arithmetic at every vertex.
@@ -144,10 +144,10 @@ impl Cones {
         }
     }
 
-    /// Density of a direction from a surface that draws the share of these cones from them, and the rest as [`Surface::sample`]
-    /// does, whose density is `pdf`. Choices of mirrors stay choices of mirrors.
-    pub fn pdf_with(&self, surface: &Surface, pdf: f32, wi: Vec3) -> f32 {
-        (1.0 - self.share) * pdf + self.share * surface.dull_share() * self.density(wi)
+    /// Density of a direction from a vertex that draws the share of these cones from them, and the rest with the density `pdf`. Choices of
+    /// mirrors stay choices of mirrors: `dull_share` is that of the others, see [`crate::bsdf::Surface::dull_share`].
+    pub fn pdf_with(&self, dull_share: f32, pdf: f32, wi: Vec3) -> f32 {
+        (1.0 - self.share) * pdf + self.share * dull_share * self.density(wi)
     }
 
     /// Density of [`Cones::sample`] over solid angle.

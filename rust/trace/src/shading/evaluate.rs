@@ -63,12 +63,12 @@ impl Known<'_, '_> {
 
 impl<'a> ShadingContext<'a> {
     pub fn instance(&self) -> &'a Instance {
-        &self.scene.instances[self.point.instance as usize]
+        self.scene.instances.get(self.point.instance as usize).unwrap_or(&self.prepared.space)
     }
 
-    /// The mesh that the point is on; nothing for other geometry.
+    /// The mesh that the point is on; nothing for other geometry, and within media.
     pub fn mesh(&self) -> Option<&'a Mesh> {
-        self.scene.mesh(self.point.geometry)
+        self.scene.mesh(self.point.geometry).filter(|_| !self.point.is_in_medium())
     }
 
     /// Evaluates `nodes` in order. `scratch` holds values of bump heights at shifted points.
@@ -165,6 +165,9 @@ impl<'a> ShadingContext<'a> {
 
     /// The attribute with this name number, alpha 1 for a UV map; nothing where the mesh lacks it.
     fn named(&self, name: usize) -> Option<Vec4> {
+        if self.point.is_in_medium() {
+            return self.field(name);
+        }
         Some(match self.prepared.attribute(self.point.geometry, name)? {
             NamedAttribute::Color(map) => {
                 let colors = &self.mesh()?.color_attributes[map].colors;
@@ -172,6 +175,11 @@ impl<'a> ShadingContext<'a> {
             }
             NamedAttribute::Uv(map) => self.interpolate_uv(map).extend(0.0).extend(1.0),
         })
+    }
+
+    /// Value at a point within a medium of the grid with this name number; nothing where its object has none. Meshes have none.
+    pub fn field(&self, name: usize) -> Option<Vec4> {
+        self.prepared.field(self.scene, self.point.instance, name, self.point.position)
     }
 
     /// A height along a world-space normal as a vector in world space. A height in object space is scaled with the object.
@@ -209,7 +217,8 @@ impl<'a> ShadingContext<'a> {
         let blender_axes = Vec3::new(1.0, -1.0, -1.0);
         let normal = match space {
             NormalSpace::Tangent => {
-                let Some(tangents) = self.prepared.tangents(point.geometry, uv_map) else { return smooth };
+                let tangents = self.prepared.tangents(point.geometry, uv_map);
+                let Some(tangents) = tangents.filter(|_| self.mesh().is_some()) else { return smooth };
                 let tangent = self.interpolate(|corner| tangents[corner].truncate());
                 let sign = self.interpolate(|corner| tangents[corner].w);
                 let normal = self.object_normal();

@@ -19,6 +19,8 @@ pub struct Graph {
     pub nodes: Vec<Node>,
     /// The root closure.
     pub surface: Option<NodeId>,
+    /// The root closure of the medium.
+    pub volume: Option<NodeId>,
     /// For each closure node, the value nodes to evaluate before it, in order.
     pub needs: Vec<Vec<NodeId>>,
     /// Parts of a node that can be computed beforehand.
@@ -43,6 +45,8 @@ pub enum Aid {
     StraightColor,
     /// True if a procedural texture's colour is in use.
     Colored,
+    /// Numbers of the attributes that a Principled Volume node takes colour, density and temperature from.
+    Fields([Option<usize>; 3]),
 }
 
 /// Names of attributes that graphs ask for; meshes are searched for each once.
@@ -70,16 +74,21 @@ impl Graph {
         let mut nodes = material.nodes.clone();
         cut_forward_links(&mut nodes, &material.name, &mut warnings);
         fold_constants(&mut nodes);
-        let surface = material.surface.filter(|surface| (*surface as usize) < nodes.len());
-        let mut graph = Self { surface, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), nodes };
-        if let Some(surface) = surface
-            && graph.plan(surface, &BTreeSet::new(), &mut 0).is_none()
-        {
-            warnings.push(format!(
-                "material '{}': more than {MAX_CLOSURE_VISITS} shaders are mixed; it is left black",
-                material.name
-            ));
+        let [surface, volume] = [material.surface, material.volume]
+            .map(|root| root.filter(|root| (*root as usize) < nodes.len()));
+        let mut graph =
+            Self { surface, volume, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), nodes };
+        let mut too_many = |part: &str| {
+            let words = format!("more than {MAX_CLOSURE_VISITS} shaders are mixed; its {part} is left out");
+            warnings.push(format!("material '{}': {words}", material.name));
+        };
+        if surface.is_some_and(|root| graph.plan(root, &BTreeSet::new(), &mut 0).is_none()) {
+            too_many("surface");
             graph.surface = None;
+        }
+        if volume.is_some_and(|root| graph.plan(root, &BTreeSet::new(), &mut 0).is_none()) {
+            too_many("volume");
+            graph.volume = None;
         }
         graph.aids = (0..graph.nodes.len()).map(|node| graph.aid(node, names)).collect();
         (graph, warnings)
@@ -140,6 +149,52 @@ impl Graph {
         Some(())
     }
 
+    /// The nodes that the medium is made of.
+    fn medium_nodes(&self) -> BTreeSet<NodeId> {
+        let mut nodes = BTreeSet::new();
+        let mut open: Vec<NodeId> = self.volume.into_iter().collect();
+        while let Some(closure) = open.pop() {
+            if nodes.insert(closure) {
+                open.extend(children_of(&self.nodes[closure as usize]).into_iter().flatten());
+            }
+        }
+        nodes.extend(self.volume.map(|root| self.collect_below(root)).unwrap_or_default());
+        nodes
+    }
+
+    /// True if the medium may differ from place to place within an object that has no fields.
+    pub fn medium_varies(&self) -> bool {
+        let is_same_everywhere = |node: &Node| match node {
+            Node::ObjectInfo | Node::Attribute { .. } | Node::ColorAttribute { .. } => true,
+            closure if is_medium_closure(closure) => true,
+            value => evaluate_pure(value, &NoLinks).is_some(),
+        };
+        self.medium_nodes().into_iter().any(|node| !is_same_everywhere(&self.nodes[node as usize]))
+    }
+
+    /// Numbers of the attributes that the medium reads, see [`Names::attributes`].
+    pub fn medium_fields(&self) -> Vec<usize> {
+        let fields = |node: NodeId| match (&self.nodes[node as usize], &self.aids[node as usize]) {
+            (_, Aid::Fields(names)) => names.iter().copied().flatten().collect(),
+            (Node::Attribute { .. } | Node::ColorAttribute { .. }, Aid::Attribute(name)) => vec![*name],
+            _ => Vec::new(),
+        };
+        self.medium_nodes().into_iter().flat_map(fields).collect()
+    }
+
+    /// True if the medium may glow.
+    pub fn medium_glows(&self) -> bool {
+        let is_zero = |input: &Input| matches!(input, Input::Float(0.0) | Input::Rgb([0.0, 0.0, 0.0]));
+        self.medium_nodes().into_iter().any(|node| match &self.nodes[node as usize] {
+            Node::Emission { color, strength } => !is_zero(color) && !is_zero(strength),
+            Node::VolumeCoefficients { emission, .. } => !is_zero(emission),
+            Node::PrincipledVolume { emission_color, emission_strength, blackbody, .. } => {
+                blackbody.is_some() || (!is_zero(emission_color) && !is_zero(emission_strength))
+            }
+            _ => false,
+        })
+    }
+
     fn aid(&self, node: usize, names: &mut Names) -> Aid {
         match &self.nodes[node] {
             Node::Mapping { rotation: Input::Rgb(angles), .. } => {
@@ -155,6 +210,13 @@ impl Graph {
             Node::UvMap { name } => Aid::Attribute(number_of(&mut names.uv_maps, name)),
             Node::ColorAttribute { name } | Node::Attribute { name } => {
                 Aid::Attribute(number_of(&mut names.attributes, name))
+            }
+            Node::PrincipledVolume { color_attribute, density_attribute, temperature_attribute, .. } => {
+                let mut number =
+                    |name: &String| (!name.is_empty()).then(|| number_of(&mut names.attributes, name));
+                let [color, density, temperature] =
+                    [number(color_attribute), number(density_attribute), number(temperature_attribute)];
+                Aid::Fields([color, density, temperature])
             }
             Node::NormalMap { uv_map, .. } => {
                 let number = number_of(&mut names.uv_maps, uv_map);
@@ -208,6 +270,19 @@ fn children_of(node: &Node) -> [Option<NodeId>; 2] {
         Node::MixShader { a, b, .. } | Node::AddShader { a, b } => [*a, *b],
         _ => [None, None],
     }
+}
+
+fn is_medium_closure(node: &Node) -> bool {
+    matches!(
+        node,
+        Node::MixShader { .. }
+            | Node::AddShader { .. }
+            | Node::Emission { .. }
+            | Node::VolumeScatter { .. }
+            | Node::VolumeAbsorption { .. }
+            | Node::VolumeCoefficients { .. }
+            | Node::PrincipledVolume { .. }
+    )
 }
 
 fn cut_forward_links(nodes: &mut [Node], material: &str, warnings: &mut Vec<String>) {

@@ -19,8 +19,10 @@ mod tangents;
 mod tests;
 mod texture;
 mod values;
+mod volumes;
 
 pub use constant::constant_emission;
+pub(crate) use point::MediumPoint;
 pub use point::{Hit, SurfacePoint};
 pub use prepared::PreparedMaterials;
 pub(crate) use texture::equirectangular;

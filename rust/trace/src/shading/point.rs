@@ -30,6 +30,47 @@ impl Hit {
     }
 }
 
+/// A point within a medium.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MediumPoint {
+    /// World space.
+    pub position: Vec3,
+    /// Unit direction back along the ray.
+    pub wo: Vec3,
+    /// Index into [`relume_scene::Scene::instances`], their number for the medium of the world.
+    pub instance: u32,
+}
+
+impl MediumPoint {
+    /// The point as graphs see it: without surface, and facing the ray.
+    pub(super) fn without_surface(&self, scene: &Scene) -> SurfacePoint {
+        let instance = scene.instances.get(self.instance as usize);
+        SurfacePoint {
+            position: self.position,
+            geometric_normal: self.wo,
+            shading_normal: self.wo,
+            wo: self.wo,
+            backfacing: false,
+            instance: self.instance,
+            geometry: instance.map_or(scene.meshes.len().into(), |instance| instance.geometry),
+            primitive: SurfacePoint::NO_PRIMITIVE,
+            barycentrics: [0.0; 2],
+            ray_length: 0.0,
+            footprint: 0.0,
+        }
+    }
+}
+
+impl SurfacePoint {
+    /// In place of the primitive of a point within a medium.
+    const NO_PRIMITIVE: u32 = u32::MAX;
+
+    /// True if the point is within a medium, where nothing of a mesh is but its box.
+    pub(super) fn is_in_medium(&self) -> bool {
+        self.primitive == Self::NO_PRIMITIVE
+    }
+}
+
 /// A point on a surface, in world space, as the shader graphs see it.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {

@@ -1,13 +1,15 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec4};
-use relume_scene::{Extension, Geometry, Interpolation, Mesh, Scene};
+use relume_scene::{Extension, Geometry, Instance, Interpolation, Mesh, Scene};
 
 use super::closures::shade;
 use super::evaluate::ShadingContext;
 use super::graph::{Graph, Names};
 use super::tangents::{corner_tangents, spherical_coords};
 use super::texture::{PreparedTexture, equirectangular};
-use super::{Hit, SurfacePoint};
+use super::volumes::shade_medium;
+use super::{Hit, MediumPoint, SurfacePoint};
 use crate::bsdf::{Scatter, Surface};
+use crate::media::MediumSample;
 
 /// Everything about materials, textures and transforms that does not depend on the hit.
 #[derive(Debug)]
@@ -15,7 +17,10 @@ pub struct PreparedMaterials {
     graphs: Vec<Graph>,
     pub(super) textures: Vec<PreparedTexture>,
     transforms: Vec<Transforms>,
+    /// Those of all meshes, and of the nothing that the world's medium is in.
     meshes: Vec<PreparedGeometry>,
+    /// Object of the world's medium.
+    pub(super) space: Instance,
 }
 
 /// Everything about one geometry that does not depend on the hit.
@@ -69,19 +74,29 @@ impl PreparedMaterials {
                 graph
             })
             .collect();
+        // Generated coordinates of space are those of the world.
+        let nothing = Mesh { texture_space: Some([Vec3::splat(0.5); 2]), ..Mesh::default() };
+        let space = Instance::new("World", scene.meshes.len(), Affine3A::IDENTITY, Vec::new());
         let prepared = Self {
             graphs,
             textures: scene.textures.iter().map(PreparedTexture::new).collect(),
             transforms: scene
                 .instances
                 .iter()
+                .chain([&space])
                 .map(|instance| Transforms {
                     object_from_world: instance.world_from_object.inverse(),
                     world_from_object_normal: instance.world_from_object.matrix3.inverse().transpose(),
                     object_from_world_normal: instance.world_from_object.matrix3.transpose(),
                 })
                 .collect(),
-            meshes: scene.meshes.iter().map(|mesh| PreparedGeometry::of_mesh(mesh, &names)).collect(),
+            meshes: scene
+                .meshes
+                .iter()
+                .chain([&nothing])
+                .map(|mesh| PreparedGeometry::of_mesh(mesh, &names))
+                .collect(),
+            space,
         };
         (prepared, warnings)
     }
@@ -145,6 +160,41 @@ impl PreparedMaterials {
             shade(&context, root, 1.0, own, scratch, surface);
             surface.give_values(values);
         }
+    }
+
+    /// Adds to `medium` what the volume of a material is at a point within it.
+    pub(crate) fn evaluate_medium(
+        &self,
+        scene: &Scene,
+        material: usize,
+        point: &MediumPoint,
+        values: &mut Vec<Vec4>,
+        medium: &mut MediumSample,
+    ) {
+        let graph = &self.graphs[material];
+        let Some(root) = graph.volume else { return };
+        let point = point.without_surface(scene);
+        let context = ShadingContext { prepared: self, scene, graph, point: &point };
+        values.resize(2 * graph.nodes.len(), Vec4::ZERO);
+        let (own, scratch) = values.split_at_mut(graph.nodes.len());
+        shade_medium(&context, root, context.instance().density_factor, own, scratch, medium);
+    }
+
+    /// Graph of a material.
+    pub(crate) fn graph(&self, material: usize) -> &Graph {
+        &self.graphs[material]
+    }
+
+    /// World-space matrix's inverse of an instance, or of all space.
+    pub(crate) fn object_from_world(&self, instance: u32) -> Affine3A {
+        self.transforms[instance as usize].object_from_world
+    }
+
+    /// Value at a world-space position of the grid with this name number that an instance has; nothing if it has none. A scalar is in
+    /// all of red, green and blue.
+    pub(crate) fn field(&self, scene: &Scene, instance: u32, name: usize, position: Vec3) -> Option<Vec4> {
+        let _ = (scene, instance, name, position);
+        None
     }
 
     /// The world's texture, white without one, along the unit `direction` of a ray that leaves the scene.

@@ -26,7 +26,7 @@ fn scene_of(nodes: Vec<Node>) -> Scene {
     Scene {
         meshes: vec![mesh],
         instances: vec![Instance::new("triangle", 0, Affine3A::IDENTITY, vec![0])],
-        materials: vec![Material { name: "test".into(), nodes, surface }],
+        materials: vec![Material { name: "test".into(), nodes, surface, ..Material::default() }],
         ..Scene::default()
     }
 }

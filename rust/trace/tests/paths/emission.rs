@@ -220,7 +220,12 @@ fn screens_that_are_black_in_the_middle_are_sampled_where_they_shine() {
     };
     let color = Input::Link { node: 0, output: Output::Color };
     let shows = Node::Emission { color, strength: Input::Float(20.0) };
-    let material = Material { name: "screen".into(), nodes: vec![image, shows], surface: Some(1) };
+    let material = Material {
+        name: "screen".into(),
+        nodes: vec![image, shows],
+        surface: Some(1),
+        ..Material::default()
+    };
     let place = Affine3A::from_translation(Vec3::Z * 0.9) * Affine3A::from_scale(Vec3::splat(0.15));
     add(&mut scene, screen, place, material);
     scene.camera = look_at_origin(Vec3::new(0.1, -0.9, -0.2), 8, 1.0);

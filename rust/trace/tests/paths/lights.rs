@@ -2,7 +2,7 @@
 
 use relume_dump::{End, Lobe, Segment};
 use relume_scene::{
-    Light, LightShape, LobeFactors, Scene,
+    Light, LightShape, Scene,
     glam::{Affine3A, DVec3, Vec3},
 };
 use relume_trace::{TraceSettings, settings::BounceLimits};
@@ -201,16 +201,6 @@ fn a_sun_behind_a_surface_changes_none_of_its_paths() {
     let towards = |path: &Path| matches!(path.segments.last(), Some(Segment { end: End::Escape(wi), .. }) if wi.dot(direction) > 0.999);
     let share = mean(&image_paths(&scene, &settings), |path| Vec3::splat(f32::from(towards(path)))).x;
     assert!(share > 0.1, "{share} of the paths");
-}
-
-fn sphere_light(center: Vec3, radius: f32) -> Light {
-    Light {
-        name: "light".into(),
-        shape: LightShape::Sphere { center, radius },
-        radiance: [1.0; 3],
-        lobes: LobeFactors::default(),
-        receivers: None,
-    }
 }
 
 #[test]

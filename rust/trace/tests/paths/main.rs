@@ -8,5 +8,6 @@ mod failures;
 mod furnace;
 mod lights;
 mod limits;
+mod media;
 mod support;
 mod surfaces;

@@ -2,7 +2,7 @@
 
 use relume_dump::{AovSample, Pass, Segment};
 use relume_scene::{
-    Camera, Input, Instance, Material, Mesh, Node, Scene,
+    Camera, Input, Instance, Light, LightShape, LobeFactors, Material, Mesh, Node, Scene,
     glam::{Affine3A, Quat, Vec2, Vec3},
 };
 use relume_trace::{PathScratch, PathSink, TraceSettings, Tracer};
@@ -62,7 +62,7 @@ pub fn assert_close(found: Vec3, expected: f32, share: f32, what: &str) {
 }
 
 pub fn material(node: Node) -> Material {
-    Material { name: "test".into(), nodes: vec![node], surface: Some(0) }
+    Material { name: "test".into(), nodes: vec![node], surface: Some(0), ..Material::default() }
 }
 
 pub fn diffuse(albedo: f32) -> Material {
@@ -139,5 +139,16 @@ pub fn look_at_origin(position: Vec3, size: usize, window: f32) -> Camera {
         window_min: Vec2::splat(-0.5 * window),
         window_max: Vec2::splat(0.5 * window),
         ..Camera::default()
+    }
+}
+
+/// A sphere light of radiance 1.
+pub fn sphere_light(center: Vec3, radius: f32) -> Light {
+    Light {
+        name: "light".into(),
+        shape: LightShape::Sphere { center, radius },
+        radiance: [1.0; 3],
+        lobes: LobeFactors::default(),
+        receivers: None,
     }
 }

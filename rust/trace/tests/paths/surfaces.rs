@@ -61,6 +61,11 @@ fn transparent_surfaces_keep_the_camera_ray_and_open_the_film() {
         assert_eq!(path.segments.iter().map(|segment| segment.lobe).collect::<Vec<_>>(), [Lobe::Camera; 2]);
         assert!(matches!(path.segments[1].end, End::Escape(direction) if direction.z < -0.9));
     }
+    // Reflected rays are rays of their own.
+    for path in paths.iter().flatten() {
+        let continuing: Vec<_> = path.segments.iter().map(|segment| segment.continues).collect();
+        assert_eq!(continuing, [false, path.segments[1].lobe == Lobe::Camera]);
+    }
 }
 
 #[test]
@@ -99,6 +104,36 @@ fn lights_are_seen_through_fewer_transparent_surfaces_than_paths_may_go_through(
         let longest = paths.iter().flatten().map(|path| path.segments.len()).max();
         assert_eq!(longest, Some(4), "camera, floor to pane, and behind two panes; {more} more");
     }
+}
+
+#[test]
+fn segments_behind_unrecorded_ones_start_where_these_end() {
+    // As above, and a mirror above the panes, behind which lights are seen again.
+    const MIRROR: f32 = 5.0;
+    let mut scene = stack(vec![diffuse(0.8)]);
+    let mut put = |height: f32, material| {
+        add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * height), material);
+    };
+    (0..4).for_each(|pane| put(4.0 + 0.01 * pane as f32, transparent(1.0)));
+    put(MIRROR, mirror([1.0; 3]));
+    let mut settings = settings(64);
+    settings.paths.bounces.transparent = 2;
+    settings.paths.bounces.more_transparent = 4;
+    settings.paths.filter_glossy = 0.0;
+    let paths = image_paths(&scene, &settings);
+    let mut mirrored = 0;
+    for segments in paths.iter().flatten().map(|path| &path.segments) {
+        for pair in segments.windows(2).filter(|pair| pair[0].throughput == Vec3::ZERO) {
+            let heights = [pair[0].end, pair[1].end].map(|end| match end {
+                End::Vertex(vertex) => vertex.z,
+                End::Escape(_) => f32::INFINITY,
+            });
+            assert!((heights[0] - MIRROR).abs() < 1e-4 && (heights[1] - 4.03).abs() < 1e-4, "{heights:?}");
+            assert!(!pair[0].continues && !pair[1].continues && pair[1].throughput.x > 0.0);
+            mirrored += 1;
+        }
+    }
+    assert!(mirrored > 5, "{mirrored} paths are seen again");
 }
 
 #[test]

@@ -63,7 +63,7 @@ fn scene() -> Scene {
     builder.add_instance(Instance { grids: Some(grids), ..smoke }).unwrap();
     let texture_from_world = Mat3::from_rotation_z(0.1);
     let world =
-        World { color: [0.3, 0.2, 0.1], texture: Some(sky), texture_from_world, visible_camera: false };
+        World { color: [0.3, 0.2, 0.1], texture: Some(sky), texture_from_world, visible_camera: false, ..World::default() };
     builder.set_world(world).unwrap();
     builder.set_camera(camera());
     builder.add_light(Light {

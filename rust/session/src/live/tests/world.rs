@@ -18,7 +18,7 @@ fn under_a_sky(turn: f32, size: (usize, usize)) -> Arc<Scene> {
         color: [1.0; 3],
         texture: Some(scene.textures.len() - 1),
         texture_from_world: glam::Mat3::from_rotation_z(turn),
-        visible_camera: true,
+        ..relume_scene::World::default()
     };
     Arc::new(scene)
 }
