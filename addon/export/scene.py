@@ -121,6 +121,8 @@ class _SceneExporter:
         )
         self.geometry = GeometryExporter(builder, asked_attributes())
         self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
+        self.hulls: set[int] = set()
+        """Numbers of boxes around volumes."""
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, int], _Shared] = {}
@@ -164,6 +166,7 @@ class _SceneExporter:
             return
         export = self.volumes.of_object if obj.type == "VOLUME" else self.volumes.of_domain
         if volume := export(obj, self._slots(obj)):
+            self.hulls.add(volume.mesh)
             factor = density_factor(obj, instance.matrix_world)
             self._place(instance, volume.mesh, grids=volume.grids, density_factor=factor)
 
@@ -187,12 +190,13 @@ class _SceneExporter:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
         warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
-        materials = self._materials(obj)
+        number = self.materials.number_in_volume if mesh in self.hulls else self.materials.number
+        materials = [number(material, obj.name) for material in self._slots(obj)]
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
-        self._warn_about_attributes(obj, mesh, materials)
-        if self.materials.filled.intersection(materials) and is_open(obj.data):
-            self.builder.warn(f"object '{obj.name}': its mesh is open; rays that pass the hole miss or keep its volume")
+        if mesh not in self.hulls:
+            self._warn_about_attributes(obj, mesh, materials)
+            self._warn_about_holes(obj, materials)
         settings = {
             "receiver": self.linking.receiver_number(obj.original, owner),
             "color": tuple(value if isfinite(value) else 0.0 for value in obj.color),
@@ -203,9 +207,6 @@ class _SceneExporter:
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
         return _Shared(obj.name, materials, settings)
-
-    def _materials(self, obj: bpy.types.Object) -> list[int]:
-        return [self.materials.number(material, obj.name) for material in self._slots(obj)]
 
     def _slots(self, obj: bpy.types.Object) -> list[bpy.types.Material | None]:
         """Materials of an evaluated object: it has a slot for each of its mesh."""
@@ -266,9 +267,11 @@ class _SceneExporter:
         if linking.blocker_collection is not None:
             warn(f"object '{name}': shadow linking is not supported; every object blocks its light")
 
+    def _warn_about_holes(self, obj: bpy.types.Object, materials: list[int]) -> None:
+        if self.materials.filled.intersection(materials) and is_open(obj.data):
+            self.builder.warn(f"object '{obj.name}': its mesh is open; rays that pass the hole miss or keep its volume")
+
     def _warn_about_attributes(self, obj: bpy.types.Object, mesh: int, materials: list[int]) -> None:
-        if mesh not in self.geometry.attributes:  # A box around a volume.
-            return
         for attributes in (self.materials.attributes[number] for number in materials):
             for name in sorted(attributes.keys() - self.geometry.attributes[mesh]):
                 where = attributes.pop(name)  # Said once for each material.
