@@ -132,7 +132,7 @@ TABLE = {
     "SunLight": LIGHT,
     "CyclesLightSettings": {READ: "is_portal", NAMED: "max_bounces use_multiple_importance_sampling is_caustics_light"},
     "Volume": {
-        READ: "filepath is_sequence frame_* sequence_mode render materials",
+        READ: "filepath packed_file grids is_sequence frame_* sequence_mode render materials",
         BLUR: "velocity_*",
         BY_DEPSGRAPH: "animation_data",
         VIEWS: "display",
