@@ -169,11 +169,10 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 11] = [
+        let changes: [fn(&mut Scene); 15] = [
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].density_factor = 0.5,
             |scene| scene.world.volume = Some(0),
-        let changes: [fn(&mut Scene); 12] = [
             |scene| scene.meshes[0].positions[0].x = 1.000_001,
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,
             |scene| scene.instances[0].visible_glossy = false,

@@ -62,8 +62,13 @@ fn scene() -> Scene {
     let smoke = Instance::new("Smoke", hull, Affine3A::from_translation(50.0 * Vec3::Y), vec![material]);
     builder.add_instance(Instance { grids: Some(grids), ..smoke }).unwrap();
     let texture_from_world = Mat3::from_rotation_z(0.1);
-    let world =
-        World { color: [0.3, 0.2, 0.1], texture: Some(sky), texture_from_world, visible_camera: false, ..World::default() };
+    let world = World {
+        color: [0.3, 0.2, 0.1],
+        texture: Some(sky),
+        texture_from_world,
+        visible_camera: false,
+        ..World::default()
+    };
     builder.set_world(world).unwrap();
     builder.set_camera(camera());
     builder.add_light(Light {
