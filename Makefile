@@ -66,11 +66,11 @@ test: setup
 	@$(MAKE) --no-print-directory test-rust test-python test-blender window AT_ONCE=2
 
 test-rust: check-rust
-	$(TIMED) "Rust tests" $(CARGO) test --workspace $(PROFILE)
-# On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of the device and of matrices, and those of
-# the whole chain.
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test --workspace $(PROFILE) --lib -- device driver matrices
-	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test --workspace $(PROFILE) --test gpu
+# Benchmarks are tested by name: cargo test -p relume-bench.
+	$(TIMED) "Rust tests" $(CARGO) test --workspace --exclude relume-bench $(PROFILE)
+# On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of matrices, and those of the whole chain.
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) --lib -- matrices
+	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) --test gpu
 	@[ -z "$$CI" ] || rm -rf target/tmp
 
 test-python: wheel check-python
@@ -129,9 +129,10 @@ bench-gpu: wheel
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	RELUME_SCENES="$(SCENES)" $(PYTHON) scripts/bench/graphics.py $(BENCH_GPU)
 
-# Against Cycles on the real scenes; PARITY="--scenes cornell_box --sets 2" for less.
+# Against Cycles on the real scenes; PARITY="--scenes cornell_box --sets 2" for less, "--features --version 5.3" for the scenes of one
+# feature in another Blender. Keeps docs/bench/parity.json and the page beside it.
 parity: wheel
-	@scripts/install-wheel "$(WHEELS)" 4.2
+	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
 	$(PYTHON) scripts/parity/run.py --folder "$(SCENES)" $(PARITY)
 
 # Small files that strangers might make, against Cycles in the oldest, the next and the newest Blender that are set up here;

@@ -47,33 +47,35 @@ def add_curve(scene, name="Curve"):
 def test_each_component_beside_a_mesh_is_named(scene, as_instances):
     add_components(add_quad(scene), *COMPONENTS.values(), as_instances=as_instances)
     found = exported(scene)
-    assert [instance["name"] for instance in found["instances"]] == ["Plane"]
+    assert [instance["name"] for instance in found["instances"]] == ["Plane", "Plane"]
+    assert [points["points"] for points in found["points"]] == [1]
     assert sorted(found["warnings"]) == [
         "object 'Plane': curves that its geometry nodes leave without a profile are left out, as by Cycles",
-        "object 'Plane': point clouds are not supported yet; left out",
     ]
 
 
 def test_components_in_an_instanced_collection_are_named_once(scene):
-    dusty = add_components(add_quad(scene, "Dusty"), COMPONENTS["point clouds"])
-    scene.collection.objects.unlink(dusty)
-    rig = unlinked("Rig", dusty)
+    wiry = add_components(add_quad(scene, "Wiry"), COMPONENTS["curves"])
+    scene.collection.objects.unlink(wiry)
+    rig = unlinked("Rig", wiry)
     for name in ("First", "Second"):
         empty = add(scene, name, None)
         empty.instance_type, empty.instance_collection = "COLLECTION", rig
     found = exported(scene)
     assert len(found["instances"]) == 2
-    assert found["warnings"] == ["object 'Dusty': point clouds are not supported yet; left out"]
+    assert found["warnings"] == [
+        "object 'Wiry': curves that its geometry nodes leave without a profile are left out, as by Cycles"
+    ]
 
 
 def test_a_curve_object_shows_what_its_nodes_instance(scene):
     add_components(add_curve(scene), MESH, COMPONENTS["point clouds"], as_instances=True)
     found = exported(scene)
-    assert [instance["name"] for instance in found["instances"]] == ["Curve"]
-    assert found["warnings"] == ["object 'Curve': point clouds are not supported yet; left out"]
+    assert [instance["name"] for instance in found["instances"]] == ["Curve", "Curve"]
+    assert sorted(next(iter(instance["geometry"])) for instance in found["instances"]) == ["mesh", "points"]
 
 
-def test_hair_is_named_where_renders_show_it(scene):
+def test_hair_is_exported_where_renders_show_it(scene):
     def meadow(name, **settings):
         obj = add_quad(scene, name)
         modifier = obj.modifiers.new("Grass", "PARTICLE_SYSTEM")
@@ -88,7 +90,7 @@ def test_hair_is_named_where_renders_show_it(scene):
     meadow("Sparks", type="EMITTER", render_type="HALO")
     meadow("Mown", type="HAIR")[1].show_render = False
     meadow("Only hair", type="HAIR")[0].show_instancer_for_render = False
-    assert exported(scene)["warnings"] == [
-        "object 'Meadow': hair of particle system 'Grass' is not supported yet; left out",
-        "object 'Only hair': hair of particle system 'Grass' is not supported yet; left out",
-    ]
+    found = exported(scene)
+    haired = [instance["name"] for instance in found["instances"] if "curves" in instance["geometry"]]
+    assert haired == ["Meadow", "Only hair"]
+    assert [hair["curves"] for hair in found["curves"]] == [3, 3] and not found["warnings"]

@@ -39,6 +39,8 @@ VALUE_NODES = {
     "ShaderNodeLayerWeight": ({}, "Facing", "layer_weight", "facing"),
     "ShaderNodeNewGeometry": ({}, "Backfacing", "geometry", "backfacing"),
     "ShaderNodeObjectInfo": ({}, "Random", "object_info", "random"),
+    "ShaderNodeHairInfo": ({}, "Tangent Normal", "hair_info", "tangent_normal"),
+    "ShaderNodePointInfo": ({}, "Radius", "point_info", "point_radius"),
     "ShaderNodeRGBToBW": ({}, 0, "math", "value"),
 }
 
@@ -51,6 +53,8 @@ CLOSURES = {
     "ShaderNodeBsdfTranslucent": "translucent",
     "ShaderNodeBsdfTransparent": "transparent",
     "ShaderNodeEmission": "emission",
+    "ShaderNodeBsdfHairPrincipled": "principled_hair",
+    "ShaderNodeBsdfHair": "hair_bsdf",
 }
 
 
@@ -360,7 +364,7 @@ def test_normal_maps_of_directx_point_the_other_way_in_green(tree, is_linked):
         assert color == pytest.approx([0.6, 0.2, 0.9])
 
 
-@pytest.mark.parametrize("kind", ["ShaderNodeBsdfToon", "ShaderNodeSubsurfaceScattering", "ShaderNodeHoldout"])
+@pytest.mark.parametrize("kind", ["ShaderNodeBsdfToon", "ShaderNodeHoldout"])
 def test_unsupported_closures_become_the_nearest_thing(tree, kind):
     tree, output, export = tree
     node = tree.nodes.new(kind)

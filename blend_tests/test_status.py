@@ -51,7 +51,7 @@ SAYINGS = [
     (state("failed", error="The disk is full"), "The disk is full"),
     (
         state("failed", error='cannot write: No space left on device (os error 28) at path "/bake/.tmp"'),
-        "The disk is full: free some space, or choose another bake folder, and start again",
+        "The disk is full: free some space, or choose another bake folder, and Rebake",
     ),
     (state("failed"), "Relume failed without saying why"),
 ]

@@ -14,7 +14,7 @@ NOT_OF_CYCLES = {"Weight"}
 WITHOUT_EFFECT = {
     "ShaderNodeBsdfPrincipled": {
         *("Subsurface Radius", "Subsurface Scale", "Subsurface IOR", "Subsurface Anisotropy", "Thin Film IOR"),
-        *("Transmission Dispersion Scale", "Transmission Dispersion Abbe Number"),
+        *("Transmission Dispersion Scale", "Transmission Dispersion Abbe Number", "Thin Wall"),
     },
     "ShaderNodeBsdfGlass": {"Rotation", "Tangent", "Thin Film IOR"},
 }
@@ -67,6 +67,18 @@ def test_every_input_of_every_closure_is_read_or_named(scene):
         if " " in name and description == found[name.split(" ")[0]] and f"material '{name}'" not in said
     ]
     assert unread == []
+
+
+def test_thin_walls_are_named_where_light_is_transmitted(scene):
+    material = closure("Pane", "ShaderNodeBsdfPrincipled")
+    add_quad(scene, "Pane", material=material)
+    node = material.node_tree.nodes[kind_name("ShaderNodeBsdfPrincipled")]
+    if "Thin Wall" not in node.inputs:
+        pytest.skip("this version has no thin walls")
+    node.inputs["Thin Wall"].default_value = True
+    assert exported(scene)["warnings"] == []
+    node.inputs["Transmission Weight"].default_value = 1.0
+    assert ["thin walls" in text for text in exported(scene)["warnings"]] == [True]
 
 
 def test_dispersion_is_named_where_light_is_transmitted(scene):

@@ -45,6 +45,11 @@ BLUE = (
 
 def blackbody_color(kelvin: float) -> list[float]:
     """Linear Rec.709 of luminance about 1; its range is 800 to 12000 K."""
+    return [max(0.0, value) for value in blackbody_fit(kelvin)]
+
+
+def blackbody_fit(kelvin: float) -> list[float]:
+    """The same as Cycles' volumes have it, with blue a little below 0 where it is coldest."""
     if kelvin >= HOTTEST_K:
         return list(HOTTEST)
     if kelvin < COLDEST_K:
@@ -52,4 +57,4 @@ def blackbody_color(kelvin: float) -> list[float]:
     piece = bisect_right(BOUNDS_K, kelvin)
     a, b, c, d = BLUE[piece]
     red, green = (a / kelvin + b * kelvin + c for a, b, c in (RED[piece], GREEN[piece]))
-    return [max(0.0, value) for value in (red, green, ((a * kelvin + b) * kelvin + c) * kelvin + d)]
+    return [red, green, ((a * kelvin + b) * kelvin + c) * kelvin + d]

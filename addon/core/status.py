@@ -74,7 +74,7 @@ def error(status: ShotStatus) -> str:
     """Error in words for the artist; empty if there is none."""
     text = status.error or ""
     if any(words in text for words in FULL_DISK):
-        return "The disk is full: free some space, or choose another bake folder, and start again"
+        return "The disk is full: free some space, or choose another bake folder, and Rebake"
     return text
 
 

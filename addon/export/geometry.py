@@ -9,13 +9,8 @@ import bpy
 import numpy as np
 
 from .arrays import LAYOUTS, stored
+from .attributes import UNREAD, as_colors, as_factors, attribute_values
 from .materials import ANY_UV_MAP, FACTOR
-
-UNREAD = {"INT16_2D", "INT32_2D"}
-"""Types of attributes that Cycles does not read."""
-BYTE = np.float32(1.0 / 255.0) * np.arange(256, dtype=np.float32)
-LINEAR_BYTE = np.where(BYTE < 0.04045, BYTE / 12.92, ((BYTE + 0.055) / 1.055) ** 2.4).astype(np.float32)
-"""Scene-linear values of colours that are stored as sRGB bytes."""
 
 
 class GeometryExporter:
@@ -79,7 +74,7 @@ def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> 
         attribute = mesh.attributes.get(name.removesuffix(FACTOR))
         if attribute is not None and _is_readable(attribute):
             colors = _as_colors(attribute, arrays["corner_verts"], arrays["face_starts"])
-            arrays["color_attributes"][name] = _as_factors(attribute, colors) if name.endswith(FACTOR) else colors
+            arrays["color_attributes"][name] = as_factors(attribute, colors) if name.endswith(FACTOR) else colors
     if _has_attribute(mesh, "material_index", "INT", "FACE"):
         arrays["material_slots"] = _attribute(mesh, "material_index")
     if mesh.normals_domain == "POINT":
@@ -99,30 +94,18 @@ def _color_attributes(mesh: bpy.types.Mesh, corner_verts: np.ndarray) -> dict[st
     first = attributes.render_color_index
     colors = {}
     for _, attribute in sorted(enumerate(attributes), key=lambda entry: entry[0] != first):
-        values = _values(attribute)
+        values = attribute_values(attribute)
         colors[attribute.name] = values[corner_verts] if attribute.domain == "POINT" else values
     return colors
 
 
 def _as_colors(attribute: bpy.types.Attribute, corner_verts: np.ndarray, face_starts: np.ndarray) -> np.ndarray:
-    """Colours that Cycles makes of any attribute, [C, 4]: numbers are grey, missing components of vectors are 0, alpha
-    is 1."""
-    values = _values(attribute)
-    width = 1 if values.ndim == 1 else values.shape[1]
-    colors = np.zeros((len(values), 4), np.float32)
-    colors[:, 3] = 1.0
-    colors[:, : 3 if width == 1 else width] = values.reshape(-1, width)
+    """Colours that Cycles makes of any attribute, [C, 4]."""
+    colors = as_colors(attribute)
     if attribute.domain == "CORNER":
         return colors
     faces = np.diff(face_starts, append=len(corner_verts))
     return colors[corner_verts] if attribute.domain == "POINT" else np.repeat(colors, faces, axis=0)
-
-
-def _as_factors(attribute: bpy.types.Attribute, colors: np.ndarray) -> np.ndarray:
-    """The one number that Cycles makes of an attribute, as grey: u of a UV map, the mean of others."""
-    is_uv = attribute.data_type == "FLOAT2"
-    colors[:, :3] = colors[:, :1] if is_uv else colors[:, :3].mean(axis=1, keepdims=True)
-    return colors
 
 
 def _is_readable(attribute: bpy.types.Attribute) -> bool:
@@ -135,14 +118,4 @@ def _has_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str)
 
 
 def _attribute(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
-    return _values(mesh.attributes[name])
-
-
-def _values(attribute: bpy.types.Attribute) -> np.ndarray:
-    """A copy of an attribute's values; scene-linear of a colour."""
-    values = stored(attribute.data, *LAYOUTS[attribute.data_type])
-    if attribute.data_type != "BYTE_COLOR":
-        return values.copy()
-    colors = LINEAR_BYTE[values]
-    colors[:, 3] = BYTE[values[:, 3]]
-    return colors
+    return attribute_values(mesh.attributes[name])

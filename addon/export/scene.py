@@ -13,19 +13,19 @@ import numpy as np
 
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
+from .curves import CurvesExporter, Strands
 from .geometry import GeometryExporter, is_open
 from .images import ImageExporter
 from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
+from .points import PointsExporter
 from .volumes import VolumeExporter, density_factor, smoke_domain
 from .world import Space, WorldRenderError, export_world, world_of
 from .world_graph import WorldGraph
 
 UNSUPPORTED_TYPES = {
-    "CURVES": "hair curves",
-    "POINTCLOUD": "point clouds",
     "GREASEPENCIL": "grease pencil",
     "GPENCIL": "grease pencil",
 }
@@ -98,6 +98,20 @@ class _Shared(NamedTuple):
     settings: dict[str, Any]
 
 
+class _Placed(NamedTuple):
+    """Geometry that the builder has."""
+
+    kind: str
+    """`mesh`, `curves` or `points`."""
+    number: int
+    attributes: set[str]
+    """Names of attributes that materials can read."""
+    material_slot: int = 0
+    """Slot of the material of all of it, unless it is a mesh."""
+    is_hull: bool = False
+    """True for a box around a volume."""
+
+
 class _SceneExporter:
     """Exports all that one depsgraph holds."""
 
@@ -119,22 +133,24 @@ class _SceneExporter:
         self.lights = LightExporter(
             lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking, builder.constant_emission
         )
-        self.geometry = GeometryExporter(builder, asked_attributes())
+        names = asked_attributes()
+        self.geometry = GeometryExporter(builder, names)
+        self.curves = CurvesExporter(builder, depsgraph.scene, names)
+        self.points = PointsExporter(builder, names)
         self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
-        self.hulls: set[int] = set()
-        """Numbers of boxes around volumes."""
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
-        self.shared: dict[tuple[int, int, int], _Shared] = {}
-        """Shared properties of instances, by the uids of an object and of its instancer, and its mesh."""
+        self.shared: dict[tuple[int, int, str, int], _Shared] = {}
+        """Shared properties of instances, by the uids of an object and of its instancer, and its geometry."""
 
     def run(self) -> None:
         """Exports instances, lights, camera and world."""
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
-            if instance.show_particles and self.view_layer.use_strand and self._is_new(uid, "HAIR"):
-                self._warn_about_hair(obj)
+            if instance.show_particles and self.view_layer.use_strand:
+                for strands in self.curves.of_particles(obj):
+                    self._export_strands(instance, strands)
             if not instance.show_self:
                 continue
             if self._is_new(uid, obj.type):
@@ -144,7 +160,14 @@ class _SceneExporter:
             elif obj.type == "VOLUME" or (obj.type == "MESH" and not instance.is_instance and smoke_domain(obj)):
                 self._export_volume(instance)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
-                self._export_geometry(instance)
+                number = self.geometry.mesh_number(obj)
+                if number is not None:
+                    self._place(instance, _Placed("mesh", number, self.geometry.attributes[number]))
+            elif obj.type == "CURVES" and self.view_layer.use_strand:
+                for strands in self.curves.of_curves(obj):
+                    self._export_strands(instance, strands)
+            elif obj.type == "POINTCLOUD" and (cloud := self.points.of_cloud(obj)) is not None:
+                self._place(instance, _Placed("points", *cloud))
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
         world = world_of(scene, view_layer)
         volume = self.materials.world_volume(world) if world is not None else None
@@ -154,10 +177,8 @@ class _SceneExporter:
     def _world_texture(self, world: WorldGraph, name: str) -> int:
         return self.builder.add_texture(name, self.render_world(world), encoding="linear", alpha="none")
 
-    def _export_geometry(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
-        mesh = self.geometry.mesh_number(instance.object)
-        if mesh is not None:
-            self._place(instance, mesh)
+    def _export_strands(self, instance: bpy.types.DepsgraphObjectInstance, strands: Strands) -> None:
+        self._place(instance, _Placed("curves", strands.number, strands.attributes, strands.material_slot))
 
     def _export_volume(self, instance: bpy.types.DepsgraphObjectInstance) -> None:
         """Grids of a volume, in a box that its material fills."""
@@ -166,37 +187,40 @@ class _SceneExporter:
             return
         export = self.volumes.of_object if obj.type == "VOLUME" else self.volumes.of_domain
         if volume := export(obj, self._slots(obj)):
-            self.hulls.add(volume.mesh)
-            factor = density_factor(obj, instance.matrix_world)
-            self._place(instance, volume.mesh, grids=volume.grids, density_factor=factor)
+            settings = {"grids": volume.grids, "density_factor": density_factor(obj, instance.matrix_world)}
+            self._place(instance, _Placed("mesh", volume.mesh, set(), is_hull=True), **settings)
 
-    def _place(self, instance: bpy.types.DepsgraphObjectInstance, mesh: int, **volume: Any) -> None:
-        obj, owner = instance.object, _owner(instance).original
-        key = obj.original.session_uid, owner.session_uid, mesh
+    def _place(self, instance: bpy.types.DepsgraphObjectInstance, placed: _Placed, **volume: Any) -> None:
+        obj = instance.object
+        owner = _owner(instance).original
+        key = obj.original.session_uid, owner.session_uid, placed.kind, placed.number
         if key not in self.shared:
-            self.shared[key] = self._shared(obj, owner, mesh)
+            self.shared[key] = self._shared(obj, owner, placed)
         shared = self.shared[key]
         self.builder.add_instance(
             shared.name,
-            mesh,
+            placed.number,
             [tuple(row) for row in instance.matrix_world],
             shared.materials,
+            kind=placed.kind,
             random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(shared.name),
             **shared.settings,
             **volume,
         )
 
-    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, mesh: int) -> _Shared:
+    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed) -> _Shared:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
         warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
-        number = self.materials.number_in_volume if mesh in self.hulls else self.materials.number
+        number = self.materials.number_in_volume if placed.is_hull else self.materials.number
         materials = [number(material, obj.name) for material in self._slots(obj)]
+        if placed.kind != "mesh":
+            materials = materials[min(placed.material_slot, len(materials) - 1) :][:1]
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
-        if mesh not in self.hulls:
-            self._warn_about_attributes(obj, mesh, materials)
-            self._warn_about_holes(obj, materials)
+        if not placed.is_hull:
+            self._warn_about_attributes(obj, placed, materials)
+            self._warn_about_holes(obj, placed, materials)
         settings = {
             "receiver": self.linking.receiver_number(obj.original, owner),
             "color": tuple(value if isfinite(value) else 0.0 for value in obj.color),
@@ -236,16 +260,6 @@ class _SceneExporter:
         elif obj.type == "CURVE" and obj.original.type != "CURVE":
             warn(f"object '{name}': curves that its geometry nodes leave without a profile are left out, as by Cycles")
 
-    def _warn_about_hair(self, obj: bpy.types.Object) -> None:
-        """Hair that Cycles would render: other systems without objects are invisible to it."""
-        for modifier in obj.modifiers:
-            if modifier.type != "PARTICLE_SYSTEM" or not modifier.show_render:
-                continue
-            system = modifier.particle_system
-            if system.settings.type == "HAIR" and system.settings.render_type == "PATH" and len(system.particles):
-                problem = f"hair of particle system '{system.name}'"
-                self.builder.warn(f"object '{obj.name}': {problem} is not supported yet; left out")
-
     def _warn_about_rays(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
         if obj.is_holdout or obj.holdout_get(view_layer=self.view_layer):
@@ -267,13 +281,13 @@ class _SceneExporter:
         if linking.blocker_collection is not None:
             warn(f"object '{name}': shadow linking is not supported; every object blocks its light")
 
-    def _warn_about_holes(self, obj: bpy.types.Object, materials: list[int]) -> None:
-        if self.materials.filled.intersection(materials) and is_open(obj.data):
+    def _warn_about_holes(self, obj: bpy.types.Object, placed: _Placed, materials: list[int]) -> None:
+        if placed.kind == "mesh" and self.materials.filled.intersection(materials) and is_open(obj.data):
             self.builder.warn(f"object '{obj.name}': its mesh is open; rays that pass the hole miss or keep its volume")
 
-    def _warn_about_attributes(self, obj: bpy.types.Object, mesh: int, materials: list[int]) -> None:
+    def _warn_about_attributes(self, obj: bpy.types.Object, placed: _Placed, materials: list[int]) -> None:
         for attributes in (self.materials.attributes[number] for number in materials):
-            for name in sorted(attributes.keys() - self.geometry.attributes[mesh]):
+            for name in sorted(attributes.keys() - placed.attributes):
                 where = attributes.pop(name)  # Said once for each material.
                 problem = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
                 if name == ANY_UV_MAP:

@@ -16,10 +16,10 @@ import bpy
 import describe
 import measure
 import simpler
-import stage
 import trees
 from kinds import KINDS, Cards
 
+import stage
 from addon.engine.reading.render_depsgraph import why_no_picture
 
 MORE_SAMPLES = (1, 4, 16, 64)

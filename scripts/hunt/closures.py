@@ -1,7 +1,8 @@
 """Random mixtures of closures under a sky and a sun."""
 
-import stage
 import trees
+
+import stage
 
 MIXES = ("ShaderNodeMixShader", "ShaderNodeMixShader", "ShaderNodeAddShader")
 

@@ -1,7 +1,8 @@
 """Random graphs of values, shown by Emission on cards, balls and boxes."""
 
-import stage
 import trees
+
+import stage
 
 
 def prepare(rng, width, height):

@@ -3,8 +3,9 @@
 import math
 
 import bpy
-import stage
 import trees
+
+import stage
 
 TYPES = ("POINT", "SPOT", "SPOT", "AREA", "AREA", "AREA", "SUN")
 FOLDING = (

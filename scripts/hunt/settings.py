@@ -2,6 +2,7 @@
 
 import bpy
 import lamps
+
 import stage
 
 BOUNCES = ("max", "diffuse", "glossy", "transmission")

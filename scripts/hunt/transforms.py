@@ -4,6 +4,7 @@ import math
 
 import bpy
 import lamps
+
 import stage
 
 prepare = lamps.prepare

@@ -2,8 +2,9 @@
 
 import math
 
-import stage
 import trees
+
+import stage
 
 MIXES = ("ShaderNodeMixShader", "ShaderNodeAddShader")
 

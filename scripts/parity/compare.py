@@ -1,8 +1,10 @@
-"""The parity measure: relative difference of block means."""
+"""The parity measure: relative difference of block means, and whether noise explains it."""
 
 import numpy as np
 
 BLOCK = 8
+ERRORS, SYSTEMATIC = 3.0, 0.005
+"""Standard errors, and share of the value, that a block may differ by where noise is larger than the limits."""
 
 
 def block_means(image):
@@ -26,3 +28,18 @@ def summary(a, b):
         "p95": float(np.percentile(difference, 95)),
         "mean_ratio": float(a.mean() / b.mean()),
     }
+
+
+def standard_error(pair):
+    """Standard errors of the block means of the mean of two independent pictures, from their differences in single
+    pixels."""
+    half = 0.5 * (pair[0].astype(np.float64) - pair[1])
+    return np.sqrt(block_means(half * half)) / BLOCK
+
+
+def share_beyond_noise(ours, cycles):
+    """Share of the blocks and channels that differ by more than three standard errors and 0.5 %; each side is a pair of
+    independent pictures."""
+    a, b = block_means(np.mean(ours, axis=0)), block_means(np.mean(cycles, axis=0))
+    error = np.hypot(standard_error(ours), standard_error(cycles))
+    return float((np.abs(a - b) > ERRORS * error + SYSTEMATIC * np.maximum(a, b)).mean())

@@ -69,6 +69,8 @@ def add_light(scene, kind, position, depth, rng):
     light = bpy.data.objects.new(data.name, data)
     light.location, light.rotation_euler = position, rotation
     light.visible_camera = False
+    if scene.get("parity_single_importance"):
+        data.cycles.use_multiple_importance_sampling = False
     scene.collection.objects.link(light)
     return light
 

@@ -19,6 +19,7 @@ import bpy
 from ...core.diff import Fingerprint, color_text
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
+from ...export.curves import strand_shape
 from ...export.images import frame_of, numbered_path, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
 from ...export.materials import MaterialExporter
@@ -359,11 +360,13 @@ def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Finger
 
 
 def _settings(scene: bpy.types.Scene) -> Fingerprint:
-    override = render_layer(scene).material_override
+    layer = render_layer(scene)
+    override = layer.material_override
     return {
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
-        "volumes": str(render_layer(scene).use_volumes),
+        "volumes": str(layer.use_volumes),
+        "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
     }
 

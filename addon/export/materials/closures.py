@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from .graph import Context
+from .subsurface import subsurface
 from .translation import TranslateClosure, Translation
 
 WHITE = [1.0, 1.0, 1.0]
@@ -46,12 +47,13 @@ PRINCIPLED = (
 def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
     fields = {field: t.value(node, socket, context, default) for field, socket, default in PRINCIPLED}
     if fields["subsurface_weight"] != 0.0:
-        t.warn(f"node '{node.name}': subsurface scattering is not supported yet; taken as diffuse")
+        fields["subsurface"] = subsurface(t, node, context, node.subsurface_method, "Subsurface ")
+        fields["thin_wall"] = t.value(node, "Thin Wall", context, 0.0)
     _warn_of_thin_film(t, node, context)
     if fields["transmission_weight"] != 0.0:
         _warn_of_rough_refraction(t, node, context)
-    if t.value(node, "Thin Wall", context, 0.0) != 0.0:
-        t.warn(f"node '{node.name}': thin walls are not supported yet; taken as solid")
+        if t.value(node, "Thin Wall", context, 0.0) != 0.0:
+            t.warn(f"node '{node.name}': thin walls of glass are not supported yet; taken as solid")
     if t.value(node, "Transmission Dispersion Scale", context, 0.0) != 0.0 and fields["transmission_weight"] != 0.0:
         t.warn(f"node '{node.name}': dispersion is not supported yet; all colours are refracted alike")
     return t.emit({"type": "principled", **fields, "distribution": distribution(t, node)})
@@ -119,6 +121,13 @@ def _diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int | No
     return _simple(kind, COLOR, ROUGHNESS, NORMAL)(t, node, context)
 
 
+def _subsurface(t: Translation, node: bpy.types.Node, context: Context) -> int:
+    color, normal = t.value(node, "Color", context, [0.8, 0.8, 0.8]), t.value(node, "Normal", context, None)
+    roughness, body = t.value(node, "Roughness", context, 1.0), subsurface(t, node, context, node.falloff)
+    fields = {"color": color, "roughness": roughness, "normal": normal, "subsurface": body}
+    return t.emit({"type": "subsurface_scattering", **fields})
+
+
 def _smooth_diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int:
     """The nearest sensible thing for closures that mostly scatter their colour."""
     color, normal = t.value(node, "Color", context, [0.8, 0.8, 0.8]), t.value(node, "Normal", context, None)
@@ -172,6 +181,7 @@ CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeBsdfRefraction": _refraction,
     "ShaderNodeBsdfTranslucent": _simple("translucent", COLOR, NORMAL),
     "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),
+    "ShaderNodeSubsurfaceScattering": _subsurface,
     "ShaderNodeEmission": EMISSION,
     "ShaderNodeBackground": EMISSION,
     "ShaderNodeMixShader": MIX,
@@ -185,11 +195,8 @@ CLOSURES: dict[str, TranslateClosure] = {
 
 FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
     "ShaderNodeBsdfMetallic": ("glossy in its base colour", _metallic),
-    "ShaderNodeSubsurfaceScattering": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfSheen": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfToon": ("diffuse", _smooth_diffuse),
-    "ShaderNodeBsdfHair": ("diffuse", _smooth_diffuse),
-    "ShaderNodeBsdfHairPrincipled": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfRayPortal": ("black", _nothing),
     "ShaderNodeHoldout": ("black", _nothing),
 }

@@ -13,11 +13,12 @@ import bpy
 from ..images import ImageExporter
 from .closures import CLOSURES, FALLBACK_CLOSURES
 from .graph import used_tree
+from .hair import HAIR_CLOSURES, HAIR_VALUES
 from .translation import DEFAULT_SURFACE, NodeTables, Translation
 from .values import VALUES, asked_of
 from .volumes import DEFAULT_VOLUME, VOLUMES
 
-TABLES = NodeTables(CLOSURES, FALLBACK_CLOSURES, VOLUMES, VALUES)
+TABLES = NodeTables(CLOSURES | HAIR_CLOSURES, FALLBACK_CLOSURES, VOLUMES, VALUES | HAIR_VALUES)
 
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
 NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)

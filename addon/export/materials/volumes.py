@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ...core.blackbody import COLDEST_K, HOTTEST_K, blackbody_color
+from ...core.blackbody import COLDEST_K, HOTTEST_K, blackbody_fit
 from ..working_space import scene_linear_from_rec709
 from .closures import ADD, EMISSION, MIX
 from .graph import Context, Source, trace
@@ -105,7 +105,7 @@ def blackbody_colors() -> dict[str, Any]:
     """Colours of black bodies in the file's working space, over their temperature."""
     turn = scene_linear_from_rec709()
     step = (HOTTEST_K - COLDEST_K) / (BLACKBODY_ENTRIES - 1)
-    table = [[*(turn @ blackbody_color(COLDEST_K + i * step)).tolist(), 1.0] for i in range(BLACKBODY_ENTRIES)]
+    table = [[*(turn @ blackbody_fit(COLDEST_K + i * step)).tolist(), 1.0] for i in range(BLACKBODY_ENTRIES)]
     return {"min": COLDEST_K, "max": HOTTEST_K, "table": table, "interpolate": True, "extrapolate": False}
 
 

@@ -12,6 +12,7 @@ mod record;
 mod scenes;
 mod shaders;
 mod solve;
+mod strands;
 mod timing;
 
 use std::time::Instant;
@@ -47,6 +48,8 @@ struct Extent {
     traced: ((usize, usize), u32),
     /// Triangles along an edge of the cave that rays are shot in, and rays.
     rays: (usize, usize),
+    /// Hairs of a head, and rays.
+    strands: (usize, usize),
     /// Megabytes of made-up positions that the gather reads.
     gather_megabytes: usize,
     networks: NetworkExtent,
@@ -66,6 +69,7 @@ impl Extent {
     const CARD: Self = Self {
         traced: ((128, 128), 64),
         rays: (300, 50_000),
+        strands: (100_000, 50_000),
         gather_megabytes: 1024,
         networks: NetworkExtent::CARD,
         first: (PAPER.0, PAPER.1),
@@ -87,6 +91,7 @@ impl Extent {
     const TRIAL: Self = Self {
         traced: ((16, 16), 4),
         rays: (10, 100),
+        strands: (100, 100),
         gather_megabytes: 1,
         networks: NetworkExtent::TRIAL,
         first: (32, 20),
@@ -151,6 +156,7 @@ fn parts<'a>(device: &'a Device, compute: &'a Compute, of: Extent) -> Vec<BenchP
         return vec![
             BenchPart("tracer", Box::new(move || tracer(of.traced))),
             BenchPart("rays", Box::new(move || rays::measure(of.rays))),
+            BenchPart("strands", Box::new(move || strands::measure(of.strands))),
             BenchPart("gather", Box::new(move || Ok(records(gather::measure(of.gather_megabytes)?)))),
             BenchPart("networks", Box::new(move || Ok(records(networks::kernels(of.networks)?)))),
         ];
@@ -300,13 +306,13 @@ mod tests {
     #[test]
     fn a_trial_of_the_cpu_has_all_figures_of_all_parts() {
         let kept = trial_of(&Device::Cpu);
-        let [tracer, rays, gather, networks] = &kept[..] else { panic!("{} parts", kept.len()) };
+        let [tracer, rays, strands, gather, networks] = &kept[..] else { panic!("{} parts", kept.len()) };
         let traced =
             ["paths", "segments"].map(|what| (format!("trace, closed box, {what}"), format!("{what}/s")));
         let expected: Vec<_> = traced.iter().map(|(name, unit)| (name.as_str(), unit.as_str())).collect();
         assert_eq!(figures(tracer), expected);
         check(&[&tracer[..], gather, networks].concat(), None);
-        assert_eq!(rays.len(), 1 + 3 * 2);
+        assert_eq!((rays.len(), strands.len()), (1 + 3 * 2, 2 * 4));
         let units = ["GB/s", "G segments/s", "targets/s"];
         assert!(figures(gather).iter().all(|(_, unit)| units.contains(unit)), "{gather:?}");
         assert!(gather.len() > 10, "{gather:?}");
@@ -332,7 +338,7 @@ mod tests {
         };
         let on_cpu = of(&Device::Cpu);
         assert!(
-            on_cpu.contains("no part all") && on_cpu.contains("tracer, rays, gather, networks"),
+            on_cpu.contains("no part all") && on_cpu.contains("tracer, rays, strands, gather, networks"),
             "{on_cpu}"
         );
         let on_gpu = of(&Device::Gpu(GpuChoice::Best));

@@ -104,7 +104,8 @@ fn obvhs_ray(ray: &Ray) -> obvhs::ray::Ray {
     obvhs::ray::Ray::new(Vec3A::from(ray.origin), Vec3A::from(ray.direction), ray.t_min, f32::MAX)
 }
 
-fn rays_per_second(rays: &[Ray], trace: impl Fn(&Ray) -> bool) -> f64 {
+/// Rays per second of the fastest of several repetitions.
+pub fn rays_per_second(rays: &[Ray], trace: impl Fn(&Ray) -> bool) -> f64 {
     let mut best = vec![f64::INFINITY; rays.len().div_ceil(BATCH)];
     for _ in 0..REPEATS {
         for (batch, seconds) in rays.chunks(BATCH).zip(&mut best) {
@@ -117,7 +118,7 @@ fn rays_per_second(rays: &[Ray], trace: impl Fn(&Ray) -> bool) -> f64 {
 }
 
 /// Rays through the centres of all pixels.
-fn camera_rays(scene: &Scene) -> Vec<Ray> {
+pub fn camera_rays(scene: &Scene) -> Vec<Ray> {
     let camera = CameraSampler::new(&scene.camera, PixelFilter::Box);
     let pixels = scene.camera.width * scene.camera.height;
     let ray = |pixel: usize| {
@@ -128,7 +129,7 @@ fn camera_rays(scene: &Scene) -> Vec<Ray> {
 }
 
 /// Cosine-distributed rays off whatever the rays hit.
-fn bounce(scene: &Scene, bvh: &SceneBvh, rays: &[Ray]) -> Vec<Ray> {
+pub fn bounce(scene: &Scene, bvh: &SceneBvh, rays: &[Ray]) -> Vec<Ray> {
     let hits = rays.iter().enumerate().filter_map(|(index, ray)| Some((index, ray, bvh.intersect(ray)?)));
     hits.map(|(index, ray, hit)| {
         let normal = normal_towards(scene, &hit, ray.direction);
@@ -144,7 +145,7 @@ fn bounce(scene: &Scene, bvh: &SceneBvh, rays: &[Ray]) -> Vec<Ray> {
 
 fn normal_towards(scene: &Scene, hit: &Hit, direction: Vec3) -> Vec3 {
     let instance = &scene.instances[hit.instance as usize];
-    let Some(mesh) = scene.mesh(instance.geometry) else { return -direction };
+    let Some(mesh) = scene.mesh(instance.geometry) else { return hit.front.normalize_or(-direction) };
     let [a, b, c] = mesh.triangles[hit.primitive as usize]
         .map(|vertex| instance.world_from_object.transform_point3(mesh.positions[vertex as usize]));
     let normal = (b - a).cross(c - a).normalize_or(-direction);

@@ -110,16 +110,75 @@ impl PySceneBuilder {
         enter_native(py, || self.builder.add_mesh(mesh))
     }
 
-    #[pyo3(signature = (name, mesh, world_from_object, materials, *, receiver=0, color=[1.0; 4], pass_index=0,
+    #[pyo3(signature = (name, keys, radii, first_keys, *, shape="ribbon", subdivisions=2, first_number=0,
+        uv_maps=None,        key_attributes=None, curve_attributes=None, generated=None, normals=None))]
+    fn add_curves(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        keys: &Bound<'_, PyAny>,
+        radii: &Bound<'_, PyAny>,
+        first_keys: &Bound<'_, PyAny>,
+        shape: &str,
+        subdivisions: u8,
+        first_number: u32,
+        uv_maps: Option<&Bound<'_, PyDict>>,
+        key_attributes: Option<&Bound<'_, PyDict>>,
+        curve_attributes: Option<&Bound<'_, PyDict>>,
+        generated: Option<&Bound<'_, PyAny>>,
+        normals: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<usize> {
+        let optional = |name, object: Option<_>| match object {
+            Some(object) => Ok(Array::<f32>::borrow(name, object)?.cast()?.to_vec()),
+            None => PyResult::Ok(Vec::new()),
+        };
+        let curves = scene::Curves {
+            name: name.into(),
+            shape: strand_shape(shape, subdivisions)?,
+            first_number,
+            keys: Array::<f32>::borrow("keys", keys)?.cast()?.to_vec(),
+            radii: Array::<f32>::borrow("radii", radii)?.cast()?.to_vec(),
+            first_keys: Array::<i32>::borrow("first_keys", first_keys)?.cast()?.to_vec(),
+            uv_maps: owned_uv_maps(uv_maps)?,
+            key_attributes: owned_attributes("key_attributes", key_attributes)?,
+            curve_attributes: owned_attributes("curve_attributes", curve_attributes)?,
+            generated: optional("generated", generated)?,
+            normals: optional("normals", normals)?,
+        };
+        enter_native(py, || self.builder.add_curves(curves))
+    }
+
+    #[pyo3(signature = (name, positions, radii, *, uv_maps=None, attributes=None))]
+    fn add_points(
+        &mut self,
+        py: Python<'_>,
+        name: &str,
+        positions: &Bound<'_, PyAny>,
+        radii: &Bound<'_, PyAny>,
+        uv_maps: Option<&Bound<'_, PyDict>>,
+        attributes: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<usize> {
+        let points = scene::Points {
+            name: name.into(),
+            positions: Array::<f32>::borrow("positions", positions)?.cast()?.to_vec(),
+            radii: Array::<f32>::borrow("radii", radii)?.cast()?.to_vec(),
+            uv_maps: owned_uv_maps(uv_maps)?,
+            attributes: owned_attributes("attributes", attributes)?,
+        };
+        enter_native(py, || self.builder.add_points(points))
+    }
+
+    #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
         visible_volume_scatter=true, density_factor=1.0, grids=None))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
         name: &str,
-        mesh: usize,
+        geometry: usize,
         world_from_object: [[f32; 4]; 4],
         materials: Vec<usize>,
+        kind: &str,
         receiver: u16,
         color: [f32; 4],
         pass_index: u32,
@@ -131,6 +190,12 @@ impl PySceneBuilder {
         density_factor: f32,
         grids: Option<usize>,
     ) -> PyResult<()> {
+        let geometry = match kind {
+            "mesh" => scene::Geometry::Mesh(geometry),
+            "curves" => scene::Geometry::Curves(geometry),
+            "points" => scene::Geometry::Points(geometry),
+            _ => return Err(invalid(format!("kind '{kind}' is not known")).into()),
+        };
         let [visible_camera, visible_diffuse, visible_glossy, visible_transmission] = visibility;
         let instance = scene::Instance {
             receiver,
@@ -146,7 +211,7 @@ impl PySceneBuilder {
             visible_volume_scatter,
             density_factor,
             grids,
-            ..scene::Instance::new(name, mesh, affine_from_rows(world_from_object), materials)
+            ..scene::Instance::new(name, geometry, affine_from_rows(world_from_object), materials)
         };
         enter_native(py, || self.builder.add_instance(instance))
     }
@@ -453,6 +518,30 @@ impl PyScene {
     }
 }
 
+fn strand_shape(shape: &str, subdivisions: u8) -> PyResult<scene::StrandShape> {
+    match shape {
+        "ribbon" => Ok(scene::StrandShape::Ribbon { subdivisions }),
+        "round" => Ok(scene::StrandShape::Round),
+        "linear" => Ok(scene::StrandShape::Linear),
+        _ => Err(invalid(format!("shape '{shape}' is not known")).into()),
+    }
+}
+
+fn owned_uv_maps(maps: Option<&Bound<'_, PyDict>>) -> PyResult<Vec<scene::UvMap>> {
+    let arrays = named_arrays("uv_maps", maps)?;
+    let maps = regrouped::<Vec2>(&arrays)?.into_iter();
+    Ok(maps.map(|(name, coords)| scene::UvMap { name, coords: coords.to_vec() }).collect())
+}
+
+fn owned_attributes(
+    argument: &'static str,
+    attributes: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Vec<scene::ColorAttribute>> {
+    let arrays = named_arrays(argument, attributes)?;
+    let attributes = regrouped::<[f32; 4]>(&arrays)?.into_iter();
+    Ok(attributes.map(|(name, colors)| scene::ColorAttribute { name, colors: colors.to_vec() }).collect())
+}
+
 /// The arrays of a dictionary, in its order.
 fn named_arrays<'py>(
     argument: &'static str,
@@ -483,12 +572,23 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "uv_maps": m.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "instances": scene.instances.iter().map(|i| serde_json::json!({
-            "name": i.name, "mesh": i.geometry.mesh(), "materials": i.materials, "receiver": i.receiver,
+            "name": i.name, "mesh": match i.geometry { scene::Geometry::Mesh(index) => Some(index), _ => None }, "geometry": i.geometry, "materials": i.materials, "receiver": i.receiver,
             "world_from_object": i.world_from_object, "color": i.color, "pass_index": i.pass_index, "grids": i.grids,
             "random": i.random, "shadow_terminator_offset": i.shadow_terminator_offset,
             "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
             "visible_volume_scatter": i.visible_volume_scatter, "density_factor": i.density_factor,
+        })).collect::<Vec<_>>(),
+        "curves": scene.curves.iter().map(|c| serde_json::json!({
+            "name": c.name, "shape": c.shape, "curves": c.curve_count(), "keys": c.keys.len(),
+            "radii": [c.radii.iter().copied().fold(f32::INFINITY, f32::min), c.radii.iter().copied().fold(0.0, f32::max)],
+            "uv_maps": c.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
+            "key_attributes": c.key_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
+            "curve_attributes": c.curve_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
+        })).collect::<Vec<_>>(),
+        "points": scene.points.iter().map(|p| serde_json::json!({
+            "name": p.name, "points": p.positions.len(),
+            "attributes": p.attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "textures": scene.textures.iter().map(|t| serde_json::json!({
             "name": t.name, "width": t.width, "height": t.height, "encoding": t.encoding, "alpha": t.alpha,

@@ -2,7 +2,10 @@
 
 use crate::damage::can_be_placed;
 use crate::validate::world_fault;
-use crate::{Camera, Grid, GridSet, Instance, Light, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{
+    Camera, Curves, Grid, GridSet, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture,
+    World,
+};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -155,6 +158,24 @@ impl SceneBuilder {
         Ok(self.scene.grids.len() - 1)
     }
 
+    /// Adds curves and returns their number.
+    pub fn add_curves(&mut self, curves: Curves) -> Result<usize, BuildError> {
+        if let Some(reason) = curves.fault() {
+            return Err(part("curves", &curves.name, reason));
+        }
+        self.scene.curves.push(curves);
+        Ok(self.scene.curves.len() - 1)
+    }
+
+    /// Adds points and returns their number.
+    pub fn add_points(&mut self, points: Points) -> Result<usize, BuildError> {
+        if let Some(reason) = points.fault() {
+            return Err(part("points", &points.name, reason));
+        }
+        self.scene.points.push(points);
+        Ok(self.scene.points.len() - 1)
+    }
+
     /// Places geometry.
     pub fn add_instance(&mut self, instance: Instance) -> Result<(), BuildError> {
         let reason = if let Some(missing) = self.scene.missing(instance.geometry) {
@@ -179,7 +200,7 @@ impl SceneBuilder {
         } else if instance.world_from_object.matrix3.determinant() == 0.0 {
             "scaled to zero; left out (apply its scale if it is only flat)"
         } else {
-            if !self.scene.is_empty(instance.geometry) {
+            if self.scene.primitive_count(instance.geometry) > 0 {
                 self.scene.instances.push(instance);
             }
             return;

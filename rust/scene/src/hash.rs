@@ -4,7 +4,10 @@ use blake3::Hasher;
 use bytemuck::cast_slice;
 use serde::Serialize;
 
-use crate::{Camera, Geometry, Grid, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{
+    Camera, ColorAttribute, Curves, Geometry, Grid, Instance, Material, Mesh, Node, Points, Scene, Texels,
+    Texture, UvMap, World,
+};
 
 impl Scene {
     /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world but for its volume, and
@@ -18,6 +21,8 @@ impl Scene {
         let materials: Vec<Material> = self.materials.iter().map(unnamed).collect();
         json(&mut hasher, &(camera, materials, &self.working_space));
         self.meshes.iter().for_each(|mesh| hash_mesh(&mut hasher, mesh));
+        self.curves.iter().for_each(|curves| hash_curves(&mut hasher, curves));
+        self.points.iter().for_each(|points| hash_points(&mut hasher, points));
         self.instances.iter().for_each(|instance| hash_instance(&mut hasher, instance));
         for set in &self.grids {
             json(&mut hasher, &(set.interpolation, set.grids.len()));
@@ -93,14 +98,41 @@ fn hash_mesh(hasher: &mut Hasher, mesh: &Mesh) {
     bytes(hasher, cast_slice(&mesh.corner_normals));
     bytes(hasher, cast_slice(&mesh.material_slots));
     bytes(hasher, cast_slice(mesh.texture_space.as_slice()));
-    for map in &mesh.uv_maps {
+    hash_uv_maps(hasher, &mesh.uv_maps);
+    hash_attributes(hasher, &mesh.color_attributes);
+}
+
+fn hash_uv_maps(hasher: &mut Hasher, maps: &[UvMap]) {
+    for map in maps {
         bytes(hasher, map.name.as_bytes());
         bytes(hasher, cast_slice(&map.coords));
     }
-    for attribute in &mesh.color_attributes {
+}
+
+fn hash_attributes(hasher: &mut Hasher, attributes: &[ColorAttribute]) {
+    for attribute in attributes {
         bytes(hasher, attribute.name.as_bytes());
         bytes(hasher, cast_slice(&attribute.colors));
     }
+}
+
+fn hash_curves(hasher: &mut Hasher, curves: &Curves) {
+    json(hasher, &(curves.shape, curves.first_number));
+    bytes(hasher, cast_slice(&curves.keys));
+    bytes(hasher, cast_slice(&curves.radii));
+    bytes(hasher, cast_slice(&curves.first_keys));
+    bytes(hasher, cast_slice(&curves.generated));
+    bytes(hasher, cast_slice(&curves.normals));
+    hash_uv_maps(hasher, &curves.uv_maps);
+    hash_attributes(hasher, &curves.key_attributes);
+    hash_attributes(hasher, &curves.curve_attributes);
+}
+
+fn hash_points(hasher: &mut Hasher, points: &Points) {
+    bytes(hasher, cast_slice(&points.positions));
+    bytes(hasher, cast_slice(&points.radii));
+    hash_uv_maps(hasher, &points.uv_maps);
+    hash_attributes(hasher, &points.attributes);
 }
 
 fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
@@ -110,7 +142,7 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
         instance.visible_glossy,
         instance.visible_transmission,
     ];
-    let Geometry::Mesh(index) = instance.geometry;
+    let (Geometry::Mesh(index) | Geometry::Curves(index) | Geometry::Points(index)) = instance.geometry;
     json(
         hasher,
         &(
@@ -119,6 +151,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
             instance.shadow_terminator_offset,
         ),
     );
+    if !matches!(instance.geometry, Geometry::Mesh(_)) {
+        json(hasher, &instance.geometry);
+    }
     if instance.shadow_terminator_shading != 0.0 {
         json(hasher, &instance.shadow_terminator_shading);
     }
@@ -197,6 +232,34 @@ mod tests {
         hashes.dedup();
         assert_eq!(hashes.len(), count);
         assert_eq!(scene().hash(), scene().hash());
+    }
+
+    #[test]
+    fn strands_and_points_change_the_hash_and_are_told_apart() {
+        let haired = || Scene {
+            curves: vec![Curves { keys: vec![Vec3::ZERO, Vec3::Z], ..Curves::default() }],
+            points: vec![Points { positions: vec![Vec3::ZERO], ..Points::default() }],
+            ..scene()
+        };
+        let changes: [fn(&mut Scene); 7] = [
+            |scene| scene.curves[0].keys[1].z = 2.0,
+            |scene| scene.curves[0].radii.push(0.1),
+            |scene| scene.curves[0].shape = crate::StrandShape::Linear,
+            |scene| scene.curves[0].first_number = 1,
+            |scene| scene.points[0].radii.push(0.1),
+            |scene| scene.instances[0].geometry = Geometry::Curves(0),
+            |scene| scene.instances[0].geometry = Geometry::Points(0),
+        ];
+        let mut hashes = vec![scene().hash(), haired().hash()];
+        for change in changes {
+            let mut changed = haired();
+            change(&mut changed);
+            hashes.push(changed.hash());
+        }
+        let count = hashes.len();
+        hashes.sort();
+        hashes.dedup();
+        assert_eq!(hashes.len(), count);
     }
 
     fn texture(value: u8) -> Texture {

@@ -8,9 +8,11 @@ mod blender_light;
 mod blender_light_inverse;
 mod builder;
 mod camera;
+mod curves;
 mod damage;
 mod geometry;
 mod grid;
+mod hair;
 mod hash;
 mod light;
 mod light_lanes;
@@ -21,9 +23,11 @@ mod node_settings;
 mod obj;
 mod phase;
 mod picture_file;
+mod points;
 mod polygon;
 mod procedural;
 mod sockets;
+mod subsurface;
 mod texture;
 mod validate;
 mod vdb;
@@ -35,9 +39,11 @@ pub use blender_light::{
 };
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
+pub use curves::{Curves, StrandLengths, StrandShape};
 pub use geometry::Geometry;
 pub use glam;
 pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};
+pub use hair::{HairComponent, HairModel, HairPigment, PrincipledHair};
 pub use light::{Light, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
 pub use material::{Input, Material, NodeId, Output};
@@ -50,11 +56,13 @@ pub use node_settings::{
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use phase::PhaseFunction;
 pub use picture_file::{FileColors, PictureFile};
+pub use points::Points;
 pub use polygon::{PolygonError, PolygonMesh, PolygonNormals};
 pub use procedural::{
     BrickTexture, Dimensions, GradientKind, Metric, NoiseKind, NoiseTexture, Procedural, VoronoiFeature,
     VoronoiHash, VoronoiTexture, WaveDirection, WaveKind, WaveProfile, WaveTexture,
 };
+pub use subsurface::{AlbedoInversion, Subsurface, SubsurfaceMethod, SubsurfaceModel};
 pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
 pub use validate::{MOST_RADIANCE, SceneFault};
 pub use vdb::VdbFile;
@@ -67,6 +75,10 @@ pub struct Scene {
     pub camera: Camera,
     /// Each evaluated mesh once.
     pub meshes: Vec<Mesh>,
+    /// Hair curves, those of each object or particle system once.
+    pub curves: Vec<Curves>,
+    /// Point clouds, each once.
+    pub points: Vec<Points>,
     /// Instances of geometry.
     pub instances: Vec<Instance>,
     /// Shader graphs, referred to by [`Instance::materials`].

@@ -29,6 +29,16 @@ impl Material {
     }
 }
 
+impl Material {
+    /// True if light may enter in one place and leave in another.
+    pub fn has_subsurface(&self) -> bool {
+        self.nodes.iter().any(|node| match node {
+            Node::Principled { subsurface, .. } => subsurface.is_some(),
+            node => matches!(node, Node::SubsurfaceScattering { .. }),
+        })
+    }
+}
+
 /// An input socket: a value or a link. In JSON: `0.5`, `[r, g, b]` or `{"node": 3, "output": "color"}`.
 /// Conversions are Blender's: colour to float by luminance, vector to float by average, float to three equal values.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -47,7 +57,7 @@ pub enum Input {
     },
 }
 
-/// Output sockets of value nodes.
+/// Output sockets of value nodes. Those of strands and points are Hair Info's and Point Info's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the socket names of Blender's nodes")]
@@ -74,4 +84,13 @@ pub enum Output {
     Factor,
     Distance,
     Radius,
+    IsStrand,
+    Intercept,
+    Length,
+    Thickness,
+    TangentNormal,
+    StrandRandom,
+    PointPosition,
+    PointRadius,
+    PointRandom,
 }

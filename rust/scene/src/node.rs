@@ -1,7 +1,8 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
-    BlendMode, ColorMode, Curve, Distribution, Extension, Input, Interpolation, MapRangeKind, MappingKind,
-    MathOp, MixData, NodeId, NormalSpace, PhaseFunction, Procedural, TexCoord, VectorMathOp,
+    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
+    MappingKind, MathOp, MixData, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural, Subsurface,
+    TexCoord, VectorMathOp,
 };
 
 with_sockets! {
@@ -9,7 +10,6 @@ with_sockets! {
     #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
     #[serde(tag = "type", rename_all = "snake_case")]
     #[expect(missing_docs, reason = "the sockets and properties of Blender's nodes of the same name")]
-    #[expect(clippy::large_enum_variant, reason = "a scene has a few hundred nodes")]
     pub enum Node {
         // Closures.
         Principled {
@@ -21,6 +21,12 @@ with_sockets! {
             alpha: Input,
             normal: Option<Input>,
             subsurface_weight: Input,
+            /// Subsurface scattering of this weight; none is diffuse.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            subsurface: Option<Subsurface>,
+            /// A sheet without an inside where it is not 0; none is 0.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            thin_wall: Option<Input>,
             specular_ior_level: Input,
             specular_tint: Input,
             anisotropic: Input,
@@ -76,6 +82,23 @@ with_sockets! {
         Translucent {
             color: Input,
             normal: Option<Input>,
+        },
+        SubsurfaceScattering {
+            color: Input,
+            roughness: Input,
+            normal: Option<Input>,
+            subsurface: Subsurface,
+        },
+        /// Principled Hair.
+        PrincipledHair(PrincipledHair),
+        /// Hair BSDF. A `tangent` of `None` is the strand's.
+        HairBsdf {
+            component: HairComponent,
+            color: Input,
+            offset: Input,
+            roughness_u: Input,
+            roughness_v: Input,
+            tangent: Option<Input>,
         },
         Transparent {
             color: Input,
@@ -281,6 +304,8 @@ with_sockets! {
         },
         Geometry,
         ObjectInfo,
+        HairInfo,
+        PointInfo,
     }
 }
 

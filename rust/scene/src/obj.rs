@@ -175,6 +175,8 @@ fn principled(mtl: &tobj::Material, texture: Option<usize>) -> Material {
         alpha: Input::Float(if transmissive { 1.0 } else { mtl.dissolve.unwrap_or(1.0).clamp(0.0, 1.0) }),
         normal: None,
         subsurface_weight: Input::Float(0.0),
+        subsurface: None,
+        thin_wall: None,
         specular_ior_level: Input::Float(0.5),
         specular_tint: Input::Rgb([1.0; 3]),
         anisotropic: Input::Float(0.0),

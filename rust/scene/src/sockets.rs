@@ -1,9 +1,10 @@
 //! Input sockets of nodes, found by the types of their fields: a node that is declared in [`with_sockets`] cannot forget one.
 
 use crate::{
-    BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, Input, Interpolation,
-    MapRangeKind, MappingKind, MathOp, Metric, MixData, NodeId, NoiseKind, NormalSpace, TexCoord,
-    VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
+    HairPigment, Input, Interpolation, MapRangeKind, MappingKind, MathOp, Metric, MixData, NodeId, NoiseKind,
+    NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection,
+    WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -35,7 +36,8 @@ macro_rules! properties {
 
 properties![bool, f32, usize, NodeId, String];
 properties![BlendMode, ColorMode, Curve, Distribution, Extension, Interpolation, MapRangeKind, MappingKind];
-properties![MathOp, MixData, NormalSpace, TexCoord, VectorMathOp];
+properties![HairComponent, HairModel, HairPigment];
+properties![MathOp, MixData, NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp];
 properties![Dimensions, GradientKind, Metric, NoiseKind, VoronoiFeature, VoronoiHash];
 properties![WaveDirection, WaveKind, WaveProfile];
 

@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::{Geometry, Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -8,7 +8,7 @@ pub const MOST_RADIANCE: f32 = 1e30;
 /// Something that makes a scene untraceable: which part, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct SceneFault {
-    /// Kind of the part: `"mesh"`, `"object"`, `"volume"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
+    /// Kind of the part: `"mesh"`, `"curves"`, `"points"`, `"object"`, `"volume"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
     pub part: &'static str,
     /// Name of the part.
     pub name: String,
@@ -34,7 +34,7 @@ impl Scene {
             faults.extend(reason.map(|reason| SceneFault { part, name: name.to_owned(), reason }));
         };
         check("camera", &self.camera.name, self.camera_fault());
-        let is_empty = self.instances.iter().all(|instance| self.is_empty(instance.geometry));
+        let is_empty = self.instances.iter().all(|instance| self.primitive_count(instance.geometry) == 0);
         check(
             "scene",
             &self.camera.name,
@@ -42,6 +42,12 @@ impl Scene {
         );
         for mesh in &self.meshes {
             check("mesh", &mesh.name, mesh_fault(mesh, self));
+        }
+        for curves in &self.curves {
+            check("curves", &curves.name, curves.fault());
+        }
+        for points in &self.points {
+            check("points", &points.name, points.fault());
         }
         for instance in &self.instances {
             check("object", &instance.name, self.instance_fault(instance));
@@ -65,11 +71,13 @@ impl Scene {
 
     /// Object names by receiver number, for light linking.
     pub fn receiver_names(&self) -> Vec<String> {
-        let count =
-            self.instances.iter().map(|instance| usize::from(instance.receiver) + 1).max().unwrap_or(0);
-        let mut names = vec![String::new(); count];
-        for instance in &self.instances {
-            names[usize::from(instance.receiver)].clone_from(&instance.name);
+        let world = self.world.volume.map(|_| (self.world.receiver, "World"));
+        let objects = self.instances.iter().map(|instance| (instance.receiver, instance.name.as_str()));
+        let mut names = Vec::new();
+        for (receiver, name) in world.into_iter().chain(objects) {
+            let number = usize::from(receiver);
+            names.resize(names.len().max(number + 1), String::new());
+            name.clone_into(&mut names[number]);
         }
         names
     }
@@ -78,23 +86,6 @@ impl Scene {
         let material = self.materials.get(self.world.volume?);
         let has_volume = material.is_some_and(|material| material.volume.is_some());
         (!has_volume).then(|| "the material of its volume does not exist or has none".to_owned())
-    }
-
-    /// The mesh that a geometry is; nothing for other kinds, or if it does not exist.
-    pub fn mesh(&self, geometry: Geometry) -> Option<&Mesh> {
-        self.meshes.get(geometry.mesh()?)
-    }
-
-    /// True if there is nothing of a geometry that a ray could meet.
-    pub(crate) fn is_empty(&self, geometry: Geometry) -> bool {
-        let Geometry::Mesh(index) = geometry;
-        self.meshes.get(index).is_none_or(|mesh| mesh.triangles.is_empty())
-    }
-
-    /// Fault of a geometry that no list has.
-    pub(crate) fn missing(&self, geometry: Geometry) -> Option<&'static str> {
-        let Geometry::Mesh(index) = geometry;
-        (index >= self.meshes.len()).then_some("its mesh does not exist")
     }
 
     fn camera_fault(&self) -> Option<String> {
@@ -271,6 +262,14 @@ mod tests {
     fn vertices_that_are_no_numbers_are_named_with_mesh_and_object() {
         let found = reason(|scene| scene.meshes[0].positions[1].y = f32::NAN);
         assert!(found.contains("Plane") && found.contains("vertex 1") && found.contains("Floor"), "{found}");
+    }
+
+    #[test]
+    fn a_medium_of_all_space_is_a_receiver() {
+        let mut scene = scene();
+        assert_eq!(scene.receiver_names(), ["Floor"]);
+        (scene.world.volume, scene.world.receiver) = (Some(0), 2);
+        assert_eq!(scene.receiver_names(), ["Floor", "", "World"]);
     }
 
     #[test]

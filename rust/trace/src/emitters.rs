@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use glam::Vec3;
-use relume_scene::{Input, Instance, Material, Node, Scene};
+use relume_scene::{HairModel, Input, Instance, Material, Node, Scene};
 
 use crate::{
     bsdf::Surface,
@@ -57,7 +57,7 @@ impl Emitter {
 
 impl Emitters {
     /// Finds the emitters; nothing if there are none. Only instances that all rays see take part, since a light sample
-    /// does not know what kind of ray it stands for; others are left to BSDF sampling.
+    /// does not know what kind of ray it stands for; others are left to BSDF sampling. So are strands and points: few glow.
     pub fn new(scene: &Scene, materials: &PreparedMaterials) -> Option<Self> {
         let points_by_material: Vec<usize> = scene.materials.iter().map(points_to_measure).collect();
         let mut surface = Surface::default();
@@ -201,6 +201,10 @@ fn points_to_measure(material: &Material) -> usize {
 pub(crate) fn may_be_transparent(material: &Material) -> bool {
     material.nodes.iter().any(|node| match node {
         Node::Transparent { .. } => true,
+        // Rays pass beside an ellipse.
+        Node::PrincipledHair(hair) => {
+            hair.model == HairModel::Huang && hair.aspect_ratio != Input::Float(1.0)
+        }
         Node::Principled { alpha, .. } => *alpha != Input::Float(1.0),
         _ => false,
     })

@@ -16,7 +16,7 @@ use crate::{
     media::{HullCrossing, Media, MediaScratch, PhaseSample, ShadowMedia, TrackingNumbers},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
-    sampler::PixelSampler,
+    sampler::{Draws, PixelSampler},
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
     static_light::{LastBounce, ShadowTracer, StaticLights, StaticSample},
@@ -29,6 +29,8 @@ pub trait PathSink {
     fn begin_path(&mut self, camera_vertex: Option<Vec3>);
     /// The path's next segment.
     fn push(&mut self, segment: Segment);
+    /// The next segment starts from `vertex`, to which none leads: the path went there inside a body.
+    fn move_to(&mut self, vertex: Vec3);
     /// The path has ended.
     fn end_path(&mut self, aovs: AovSample);
 }
@@ -40,6 +42,10 @@ impl PathSink for TileSamples {
 
     fn push(&mut self, segment: Segment) {
         Self::push(self, segment);
+    }
+
+    fn move_to(&mut self, vertex: Vec3) {
+        Self::move_to(self, vertex);
     }
 
     fn end_path(&mut self, aovs: AovSample) {
@@ -125,11 +131,11 @@ impl Integrator<'_> {
         };
         for vertex_number in 0.. {
             let group = CAMERA_GROUP + 1 + GROUPS_PER_VERTEX * vertex_number;
-            let draw = |other: u32| sampler.draw(sample, other.wrapping_add(group));
+            let draws = Draws::new(sampler, sample, group);
             let arrival = match &self.media {
                 None => self.bvh.intersect(&walk.ray).map_or(Arrival::Escape, Arrival::Surface),
                 Some(media) => {
-                    let numbers = TrackingNumbers::new(draw(TRAVEL_GROUP));
+                    let numbers = TrackingNumbers::new(draws.at(TRAVEL_GROUP));
                     self.travel(media, &mut walk, &mut features, numbers, &mut scratch.media, sink)
                 }
             };
@@ -140,7 +146,7 @@ impl Integrator<'_> {
                     false
                 }
                 Arrival::Collision(position) => {
-                    self.scatter_in_medium(&mut walk, position, guide, scratch, &mut features, draw)
+                    self.scatter_in_medium(&mut walk, position, guide, scratch, &mut features, draws)
                 }
                 Arrival::Surface(hit) => {
                     if let Some(lights_only) = walk.path.lights_only {
@@ -152,14 +158,15 @@ impl Integrator<'_> {
                     }
                     walk.footprint += walk.spread * hit.distance;
                     let Ray { origin, direction, .. } = walk.ray;
-                    let point =
+                    let met =
                         self.materials.surface_point(self.scene, &hit, origin, direction, walk.footprint);
+                    let point = SurfacePoint { is_seen: walk.path.lobe == Lobe::Camera, ..met };
                     self.record(&mut walk, End::Vertex(point.position), sink);
                     if walk.path.is_on_first_surface() {
                         let travelled = walk.route.as_ref().map_or(0.0, |route| route.travelled);
                         features.sample.depth = Some(camera.start + (travelled + hit.distance));
                     }
-                    self.meet(&mut walk, &point, guide, scratch, &mut features, draw)
+                    self.meet(&mut walk, &point, guide, scratch, &mut features, draws, sink)
                 }
             };
             if !goes_on {
@@ -222,19 +229,21 @@ impl Integrator<'_> {
         guide: Option<&Guide>,
         scratch: &mut PathScratch,
         features: &mut Features,
-        draw: impl Fn(u32) -> [f32; 4],
+        draws: Draws,
+        sink: &mut impl PathSink,
     ) -> bool {
         scratch.surface.show(if walk.path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
+        scratch.surface.set_after_diffuse(walk.path.was_diffuse);
         self.materials.evaluate(self.scene, point, &mut scratch.surface);
         self.collect_emission(&walk.path, point, walk.last, &scratch.surface, features);
-        let u = draw(0);
+        let u = draws.at(0);
         let survival = walk.path.survival(&self.settings.bounces);
         if u[3] >= survival {
             features.record_surface(&scratch.surface);
             return false;
         }
         walk.path.throughput /= survival;
-        self.scatter(walk, point, [u[0], u[1], u[2]], guide, scratch, features, draw)
+        self.scatter(walk, point, [u[0], u[1], u[2]], guide, scratch, features, draws, sink)
     }
 
     fn collect_emission(
@@ -261,7 +270,8 @@ impl Integrator<'_> {
         guide: Option<&Guide>,
         scratch: &mut PathScratch,
         features: &mut Features,
-        draw: impl Fn(u32) -> [f32; 4],
+        draws: Draws,
+        sink: &mut impl PathSink,
     ) -> bool {
         let limits = &self.settings.bounces;
         let Walk { path, ray, last, .. } = walk;
@@ -286,9 +296,19 @@ impl Integrator<'_> {
             &mut scratch.shadow,
             &mut scratch.media,
             features,
-            &draw,
+            draws,
         );
-        let Some((sample, pdf)) = direction(surface, cones, u, || draw(GUIDE_GROUP)) else {
+        if let Some(entry) = surface.enters(u[2]) {
+            features.record_surface(surface);
+            let Some((exit, draws)) = self.cross_body(path, point, &entry, draws, surface) else {
+                return false;
+            };
+            sink.move_to(exit.position);
+            walk.begin_segment(exit.position);
+            let [u0, u1, u2, _] = draws.at(0);
+            return self.scatter(walk, &exit, [u0, u1, u2], guide, scratch, features, draws, sink);
+        }
+        let Some((sample, pdf)) = direction(surface, cones, u, || draws.at(GUIDE_GROUP)) else {
             features.record_surface(surface);
             return false;
         };
@@ -339,11 +359,11 @@ impl Integrator<'_> {
         guide: Option<&Guide>,
         scratch: &mut PathScratch,
         features: &mut Features,
-        draw: impl Fn(u32) -> [f32; 4],
+        draws: Draws,
     ) -> bool {
         let limits = &self.settings.bounces;
         features.record_medium(scratch.media.sample.albedo());
-        let u = draw(0);
+        let u = draws.at(0);
         let survival = walk.path.survival(limits);
         if u[3] >= survival {
             return false;
@@ -362,9 +382,9 @@ impl Integrator<'_> {
             &mut scratch.shadow,
             &mut scratch.media,
             features,
-            &draw,
+            draws,
         );
-        let sample = match cones.map(|cones| (cones, draw(GUIDE_GROUP))) {
+        let sample = match cones.map(|cones| (cones, draws.at(GUIDE_GROUP))) {
             Some((cones, v)) => {
                 let direction = if v[0] < cones.share {
                     Some(cones.sample([v[1], v[2], v[3]]))
@@ -404,7 +424,7 @@ impl Integrator<'_> {
         shadow: &mut Surface,
         scratch: &mut MediaScratch,
         features: &mut Features,
-        draw: impl Fn(u32) -> [f32; 4],
+        draws: Draws,
     ) {
         let Some(lights) = &self.lights else { return };
         let media = match (&self.media, route) {
@@ -412,7 +432,7 @@ impl Integrator<'_> {
                 space: self.space(media),
                 stack: route.stack,
                 crossing: HullCrossing::default(),
-                numbers: TrackingNumbers::new(draw(SHADOW_GROUP)),
+                numbers: TrackingNumbers::new(draws.at(SHADOW_GROUP)),
                 scratch,
             }),
             _ => None,
@@ -427,7 +447,7 @@ impl Integrator<'_> {
             media,
         };
         let on_film = path.throughput * self.settings.film_exposure;
-        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draw(1)) {
+        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draws.at(1)) {
             Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
             Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
             None => {}

@@ -22,6 +22,8 @@ pub mod sampler;
 pub mod settings;
 pub mod shading;
 mod static_light;
+mod strand;
+mod subsurface;
 mod vertex;
 
 pub use guide::{Guide, hit_probability};

@@ -14,6 +14,8 @@ pub(crate) struct PathState {
     pub lobe: Lobe,
     /// True if that event was diffuse, on either side of the surface.
     pub is_diffuse: bool,
+    /// True if that or an earlier event was.
+    pub was_diffuse: bool,
     /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
     pub light_lobe: Lobe,
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
@@ -57,6 +59,7 @@ impl PathState {
             throughput: Vec3::ONE,
             lobe: Lobe::Camera,
             is_diffuse: false,
+            was_diffuse: false,
             light_lobe: Lobe::Camera,
             receiver: 0,
             lights_only: None,
@@ -154,6 +157,7 @@ impl PathState {
         self.min_pdf = self.min_pdf.min(sample.pdf);
         self.lobe = sample.lobe;
         self.is_diffuse = sample.diffuse;
+        self.was_diffuse |= sample.diffuse;
         self.light_lobe = sample.light_lobe;
         (self.through_transparent, self.continues) = (false, false);
         self.bounces += 1;

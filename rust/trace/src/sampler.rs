@@ -42,6 +42,31 @@ impl PixelSampler {
     }
 }
 
+/// Numbers of one vertex of a path: a group of its own, and others by their distance from that.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Draws {
+    sampler: PixelSampler,
+    sample: u32,
+    group: u32,
+}
+
+impl Draws {
+    /// Numbers of sample number `sample` whose own group is `group`.
+    pub fn new(sampler: PixelSampler, sample: u32, group: u32) -> Self {
+        Self { sampler, sample, group }
+    }
+
+    /// Four numbers of the group so far from its own.
+    pub fn at(self, distance: u32) -> [f32; GROUP_SIZE] {
+        self.sampler.draw(self.sample, self.group.wrapping_add(distance))
+    }
+
+    /// Those whose own group is so far from this one's.
+    pub fn moved(self, distance: u32) -> Self {
+        Self { group: self.group.wrapping_add(distance), ..self }
+    }
+}
+
 /// A bijection of 32 bits (`lowbias32` of <https://github.com/skeeto/hash-prospector>).
 #[inline]
 fn hash(mut x: u32) -> u32 {

@@ -43,8 +43,8 @@ impl Vertex<'_> {
     pub fn eval(&self, wi: Vec3) -> Option<(Vec3, f32)> {
         match self {
             Self::Surface { point, surface } => {
-                let is_between = point.geometric_normal.dot(wi) * point.shading_normal.dot(wi) <= 0.0;
-                (!is_between).then(|| surface.eval(wi))
+                let is_between = point.horizon_normal().dot(wi) * point.shading_normal.dot(wi) <= 0.0;
+                (!is_between || surface.scatters_around()).then(|| surface.eval(wi))
             }
             Self::Medium { direction, medium, .. } => Some(medium.eval(*direction, wi)),
         }

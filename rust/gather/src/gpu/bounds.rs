@@ -159,7 +159,7 @@ mod tests {
     use crate::Gather;
     use crate::gpu::sort::{BLOCK, PixelGroup};
     use crate::light::Profile;
-    use crate::tests::kernels::{random_dump_of, random_lights};
+    use crate::tests::kernels::{random_lights, random_rays_of};
 
     #[test]
     fn bounds_have_the_layout_of_their_wgsl_twin() {
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn a_block_that_no_light_touches_has_no_segment_that_crosses_it() {
-        let gather = Gather::new(random_dump_of(16, &[5, 9]));
+        let gather = Gather::new(random_rays_of(16, &[5, 9]));
         let (dump, frame) = (gather.dump(), BoundsFrame::new(gather.dump()));
         let lights = gather.prepare_all(&random_lights()).unwrap();
         let (mut touched, mut untouched, mut crossed) = (0, 0, 0);
@@ -196,7 +196,7 @@ mod tests {
                 }
             }
         }
-        assert!(untouched > touched / 5 && crossed > touched / 4, "{touched} {untouched} {crossed}");
+        assert!(untouched > touched / 4 && crossed > touched / 4, "{touched} {untouched} {crossed}");
     }
 
     fn flags(z_flags: u32) -> Flags {

@@ -16,21 +16,31 @@ fn random_dump() -> Dump {
 
 /// Random dump of a square image with passes of these sizes, of which some segments continue the ones before.
 pub fn random_dump_of(size: usize, samples: &[u32]) -> Dump {
-    let mut random = Random(3);
+    random_paths(size, samples, 0.3)
+}
+
+/// [`random_dump_of`] with segments that are whole rays.
+pub fn random_rays_of(size: usize, samples: &[u32]) -> Dump {
+    random_paths(size, samples, 0.0)
+}
+
+/// Random paths of which a share of segments continues the ones before.
+fn random_paths(size: usize, samples: &[u32], continuing: f32) -> Dump {
+    let (mut random, mut pieces) = (Random(3), Random(12));
     dump(manifest(size, samples), |_, _, samples: &mut TileSamples| {
-        let (mut lobe, mut receiver) = (Lobe::Camera, 0);
+        let mut before = (Lobe::Camera, 0);
         for depth in 0..1 + (random.next() * 5.0) as usize {
-            let continues = depth > 0 && random.next() < 0.3;
-            if depth > 0 && !continues {
-                lobe = Lobe::ALL[1 + (random.next() * 4.0) as usize];
-                receiver = (random.next() * 5.0) as u16;
-            }
+            let lobe = Lobe::ALL[if depth == 0 { 0 } else { 1 + (random.next() * 4.0) as usize }];
             let throughput = Vec3::new(random.next(), random.next(), random.next());
+            let receiver = (random.next() * 5.0) as u16;
             let escapes = random.next() < 0.2;
             let end = match escapes {
                 true => End::Escape(random.point(1.0).normalize()),
                 false => End::Vertex(random.point(3.0)),
             };
+            let continues = depth > 0 && pieces.next() < continuing;
+            before = if continues { before } else { (lobe, receiver) };
+            let (lobe, receiver) = before;
             samples.push(Segment { end, throughput, lobe, receiver, continues });
             if escapes {
                 break;

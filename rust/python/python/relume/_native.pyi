@@ -42,13 +42,46 @@ class SceneBuilder:
         coordinates, that of the positions without. What is not finite is left out or replaced, and named in a
         warning by the object that shows the mesh, if one is told."""
 
+    def add_curves(
+        self,
+        name: str,
+        keys: NDArray[np.float32],
+        radii: NDArray[np.float32],
+        first_keys: NDArray[np.int32],
+        *,
+        shape: str = "ribbon",
+        subdivisions: int = 2,
+        first_number: int = 0,
+        uv_maps: dict[str, NDArray[np.float32]] | None = None,
+        key_attributes: dict[str, NDArray[np.float32]] | None = None,
+        curve_attributes: dict[str, NDArray[np.float32]] | None = None,
+        generated: NDArray[np.float32] | None = None,
+        normals: NDArray[np.float32] | None = None,
+    ) -> int:
+        """Hair curves in object space: keys [K, 3] and radii [K] in metres, first key of each curve and the number of
+        keys [C + 1]; shape `ribbon` (of `2 ** subdivisions` pieces a span), `round` or `linear`; UV maps [C, 2] and
+        linear colours [K, 4] or [C, 4] by name, generated coordinates [C, 3], normals [K, 3]. Random
+        numbers of curves go on from `first_number`."""
+
+    def add_points(
+        self,
+        name: str,
+        positions: NDArray[np.float32],
+        radii: NDArray[np.float32],
+        *,
+        uv_maps: dict[str, NDArray[np.float32]] | None = None,
+        attributes: dict[str, NDArray[np.float32]] | None = None,
+    ) -> int:
+        """Spheres in object space: centres [N, 3] and radii [N] in metres, UV maps [N, 2] and linear colours [N, 4]."""
+
     def add_instance(
         self,
         name: str,
-        mesh: int,
+        geometry: int,
         world_from_object: Matrix4,
         materials: Sequence[int],
         *,
+        kind: str = "mesh",
         receiver: int = 0,
         color: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
         pass_index: int = 0,
@@ -60,8 +93,9 @@ class SceneBuilder:
         density_factor: float = 1.0,
         grids: int | None = None,
     ) -> None:
-        """Places a mesh; matrices are rows, one material a slot, visibility to camera, diffuse, glossy and
-        transmission rays. The density of a medium inside is multiplied by a factor; `grids` are those of a volume."""
+        """Places a mesh, or what `kind` says: `curves` or `points`; matrices are rows, one material a slot,
+        visibility to camera, diffuse, glossy and transmission rays. The density of a medium inside is multiplied by a
+        factor; `grids` are those of a volume."""
 
     def add_grid_file(
         self,

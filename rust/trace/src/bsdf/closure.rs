@@ -3,7 +3,7 @@ use relume_dump::Lobe;
 
 use super::frame::{cosine_pdf, sample_cosine};
 use super::normal::{SampleReach, SideNormals, bump_shadowing};
-use super::{AshikhminShirley, Interface, Microfacet, OrenNayar, Sheen};
+use super::{AshikhminShirley, Bssrdf, Hair, Interface, Microfacet, OrenNayar, Sheen};
 
 /// One way in which a surface scatters, and how much of it there is.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,8 @@ pub enum Scatter {
     OrenNayar(OrenNayar),
     /// Lambert's law on the other side.
     Translucent,
+    /// Rough diffuse scattering to the other side.
+    RoughTranslucent(OrenNayar),
     /// Straight through.
     Transparent,
     /// Reflection and refraction by facets.
@@ -35,6 +37,10 @@ pub enum Scatter {
     AshikhminShirley(AshikhminShirley),
     /// Cloth.
     Sheen(Sheen),
+    /// Into the body behind the surface: the path goes on where it leaves that, so that no direction is sampled.
+    Subsurface(Bssrdf),
+    /// Fibre, which scatters to all sides. Its normal is not consulted.
+    Hair(Hair),
 }
 
 /// A direction that one closure chose. `value` is its `f |cos|` without the closure's weight and `pdf` its density;
@@ -53,6 +59,8 @@ pub struct ClosureSample {
     pub lobe: Lobe,
     /// Reach of the direction.
     pub reach: SampleReach,
+    /// Share of the value whose class is [`Lobe::Transmission`].
+    pub transmitted: f32,
 }
 
 /// Density of a closure's directions.
@@ -81,7 +89,12 @@ impl Closure {
                 let pdf = cosine_pdf(-self.normal.dot(wi));
                 (Vec3::splat(pdf), pdf)
             }
-            Scatter::Transparent => (Vec3::ZERO, 0.0),
+            Scatter::RoughTranslucent(model) => {
+                // What goes through is what a mirror in the surface would reflect.
+                let mirrored = wi - self.normal * (2.0 * self.normal.dot(wi));
+                (model.eval(wo, mirrored), cosine_pdf(-self.normal.dot(wi)))
+            }
+            Scatter::Transparent | Scatter::Subsurface(_) => (Vec3::ZERO, 0.0),
             Scatter::Microfacet(model) => model.eval(wo, wi),
             Scatter::AshikhminShirley(model) => {
                 let (value, pdf) = model.eval(wo, wi);
@@ -91,13 +104,31 @@ impl Closure {
                 let pdf = model.pdf(wi);
                 (Vec3::splat(pdf * self.shadowing(smooth, wi)), pdf)
             }
+            Scatter::Hair(model) => {
+                let response = model.eval(wi);
+                (response.value(), response.pdf())
+            }
         }
     }
 
-    /// Chooses a direction; nothing if it is on the wrong side of the surface.
-    pub fn sample(&self, sides: SideNormals, wo: Vec3, u: [f32; 3]) -> Option<ClosureSample> {
+    /// Chooses a direction; nothing if it is on the wrong side of the surface. `is_mixed` if other closures have densities.
+    pub fn sample(
+        &self,
+        sides: SideNormals,
+        wo: Vec3,
+        u: [f32; 3],
+        is_mixed: impl FnOnce() -> bool,
+    ) -> Option<ClosureSample> {
         let (wi, lobe, singular) = match &self.scatter {
             Scatter::Microfacet(model) => return model.sample(wo, sides, u),
+            Scatter::Subsurface(_) => return None,
+            Scatter::Hair(model) => {
+                let (wi, lobe, response) = model.sample(u, is_mixed())?;
+                let (value, pdf) = (response.value(), response.pdf());
+                let transmitted = response.transmitted_share();
+                let reach = SampleReach::Path;
+                return Some(ClosureSample { wi, value, pdf, singular: false, lobe, reach, transmitted });
+            }
             Scatter::Transparent => {
                 return Some(ClosureSample {
                     wi: -wo,
@@ -106,24 +137,29 @@ impl Closure {
                     singular: true,
                     lobe: Lobe::Transmission,
                     reach: SampleReach::Path,
+                    transmitted: 1.0,
                 });
             }
             Scatter::Diffuse | Scatter::OrenNayar(_) => {
                 (sample_cosine(self.normal, [u[0], u[1]]), Lobe::Diffuse, false)
             }
-            Scatter::Translucent => (sample_cosine(-self.normal, [u[0], u[1]]), Lobe::Transmission, false),
+            Scatter::Translucent | Scatter::RoughTranslucent(_) => {
+                (sample_cosine(-self.normal, [u[0], u[1]]), Lobe::Transmission, false)
+            }
             Scatter::AshikhminShirley(model) => {
                 (model.sample(wo, [u[0], u[1]])?, Lobe::Glossy, model.is_singular())
             }
             Scatter::Sheen(model) => (model.sample([u[0], u[1]]), Lobe::Diffuse, false),
         };
         let reach = sides.reach(wi, lobe == Lobe::Transmission)?;
+        let transmitted = if lobe == Lobe::Transmission { 1.0 } else { 0.0 };
         if singular {
-            let mirrored = ClosureSample { wi, value: Vec3::ONE, pdf: 1.0, singular, lobe, reach };
+            let mirrored =
+                ClosureSample { wi, value: Vec3::ONE, pdf: 1.0, singular, lobe, reach, transmitted };
             return (reach == SampleReach::Path).then_some(mirrored);
         }
         let (value, pdf) = self.eval(sides.shading, wo, wi);
-        (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe, reach })
+        (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe, reach, transmitted })
     }
 
     /// Estimate of the light that the closure reflects and transmits out of uniform light, weight included.
@@ -133,26 +169,36 @@ impl Closure {
                 let (reflected, transmitted) = model.albedo(self.normal.dot(wo));
                 self.weight * (reflected + transmitted)
             }
+            Scatter::Hair(model) => self.weight * model.albedo(),
             _ => self.weight,
         }
     }
 
     /// True if what it reflects is glossy, not diffuse.
     pub fn is_glossy(&self) -> bool {
-        matches!(self.scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_))
+        matches!(self.scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) | Scatter::Hair(_))
+    }
+
+    /// True if it scatters to all sides, whatever the surface's normals are.
+    pub fn scatters_around(&self) -> bool {
+        matches!(self.scatter, Scatter::Hair(_))
     }
 
     /// True if it is diffuse, on either side of the surface.
     pub fn is_diffuse(&self) -> bool {
         matches!(
             self.scatter,
-            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) | Scatter::Translucent
+            Scatter::Diffuse
+                | Scatter::OrenNayar(_)
+                | Scatter::Sheen(_)
+                | Scatter::Translucent
+                | Scatter::RoughTranslucent(_)
         )
     }
 
     pub(crate) fn sharpness(&self) -> Sharpness {
         match &self.scatter {
-            Scatter::Transparent => Sharpness::Singular,
+            Scatter::Transparent | Scatter::Subsurface(_) => Sharpness::Singular,
             Scatter::AshikhminShirley(model) if model.is_singular() => Sharpness::Singular,
             Scatter::Microfacet(model) if model.is_singular() => Sharpness::Singular,
             Scatter::Microfacet(model)
@@ -167,19 +213,21 @@ impl Closure {
     /// True if some directions that have a density lead to the other side.
     pub(crate) fn transmits(&self) -> bool {
         match &self.scatter {
-            Scatter::Translucent => true,
+            Scatter::Translucent | Scatter::RoughTranslucent(_) | Scatter::Hair(_) => true,
             Scatter::Microfacet(model) => model.interface != Interface::Reflection,
             _ => false,
         }
     }
 
-    /// Class of `wi` where this closure scatters there.
+    /// Class of `wi` where this closure scatters there. Of hair, which scatters in more than one there, what is reflected.
     pub(crate) fn lobe_towards(&self, wi: Vec3) -> Lobe {
         match &self.scatter {
             Scatter::Microfacet(_) if self.normal.dot(wi) < 0.0 => Lobe::Transmission,
-            Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) => Lobe::Glossy,
-            Scatter::Translucent | Scatter::Transparent => Lobe::Transmission,
-            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) => Lobe::Diffuse,
+            Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) | Scatter::Hair(_) => Lobe::Glossy,
+            Scatter::Translucent | Scatter::RoughTranslucent(_) | Scatter::Transparent => Lobe::Transmission,
+            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) | Scatter::Subsurface(_) => {
+                Lobe::Diffuse
+            }
         }
     }
 
@@ -201,6 +249,7 @@ impl Closure {
                 model.distribution.alpha_y = model.distribution.alpha_y.max(alpha);
             }
             Scatter::AshikhminShirley(model) => model.widen(alpha),
+            Scatter::Hair(model) => model.widen(alpha),
             _ => {}
         }
     }

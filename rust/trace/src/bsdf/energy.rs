@@ -74,6 +74,12 @@ impl Compensation {
     }
 }
 
+/// Share of light that single scattering of white glass keeps, of relative index `ior`, seen at cosine `mu`.
+pub fn single_scattering_of_glass(roughness: f32, mu: f32, ior: f32) -> f32 {
+    let table = if ior < 1.0 { &*GLASS_INSIDE } else { &*GLASS };
+    table.at([roughness, mu, ior_coordinate(ior)])
+}
+
 /// Position between the reflectances at 0 and 90 degrees of the mean reflectance of a rough dielectric.
 pub fn dielectric_rise(roughness: f32, mu: f32, ior: f32) -> f32 {
     DIELECTRIC_RISE.at([roughness, mu, ior_coordinate(ior)])

@@ -207,10 +207,19 @@ impl Microfacet {
         if (wi.z < 0.0) != is_transmission {
             return None;
         }
-        let lobe = if is_transmission { Lobe::Transmission } else { Lobe::Glossy };
+        let (lobe, transmitted) =
+            if is_transmission { (Lobe::Transmission, 1.0) } else { (Lobe::Glossy, 0.0) };
         if is_smooth || (is_transmission && self.is_unbending()) {
             let value = part * self.energy_scale;
-            let single = ClosureSample { wi: wi_world, value, pdf: probability, singular: true, lobe, reach };
+            let single = ClosureSample {
+                wi: wi_world,
+                value,
+                pdf: probability,
+                singular: true,
+                lobe,
+                reach,
+                transmitted,
+            };
             return (reach == SampleReach::Path).then_some(single);
         }
         let jacobian = if is_transmission {
@@ -229,6 +238,7 @@ impl Microfacet {
             singular: false,
             lobe,
             reach,
+            transmitted,
         })
     }
 }

@@ -5,12 +5,15 @@
 //! goes on. Values include the cosine: `f |cos|`.
 
 mod ashikhmin;
+mod bssrdf;
+mod classes;
 mod closure;
 mod diffuse;
 mod distribution;
 mod energy;
 mod frame;
 mod fresnel;
+mod hair;
 mod microfacet;
 mod normal;
 mod sheen;
@@ -19,12 +22,18 @@ mod surface;
 mod tests;
 
 pub use ashikhmin::AshikhminShirley;
+pub(crate) use bssrdf::BodyEntry;
+pub use bssrdf::Bssrdf;
 pub use closure::{Closure, Scatter};
 pub use diffuse::OrenNayar;
 pub use distribution::{MicrofacetDistribution, SlopeDistribution};
 pub use energy::Compensation;
 pub use frame::ShadingFrame;
 pub use fresnel::{F82, dielectric, dielectric_mean, f0_from_ior, ior_from_f0};
+pub use hair::{
+    Chiang, ChiangParameters, Fibre, Hair, HairLobe, HairSide, Huang, HuangParameters, absorption_of_color,
+    absorption_of_melanin,
+};
 pub use microfacet::{Fresnel, Interface, Microfacet};
 pub use normal::{SampleReach, SideNormals, ensure_valid_reflection};
 pub use sheen::Sheen;

@@ -2,6 +2,7 @@ use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
 use relume_scene::MOST_RADIANCE;
 
+use super::classes::{Classes, Part};
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
 use super::{Interface, SampleReach, SideNormals};
@@ -78,13 +79,19 @@ impl Caustics {
 /// The closures and the emission of one surface point. Reused from hit to hit: nothing is allocated.
 #[derive(Clone, Debug)]
 pub struct Surface {
-    closures: Vec<Closure>,
+    pub(super) closures: Vec<Closure>,
     wo: Vec3,
     sides: SideNormals,
     emission: Vec3,
     transparency: Vec3,
     caustics: Caustics,
+    /// True if the path has scattered diffusely before it met the surface.
+    pub(super) is_after_diffuse: bool,
+    /// True if there is a [`Scatter::Subsurface`].
+    pub(super) has_body: bool,
     terminator: Terminator,
+    /// True if one of the closures is hair.
+    scatters_around: bool,
     /// Scratch for the values of shader nodes.
     values: Vec<Vec4>,
 }
@@ -98,7 +105,10 @@ impl Default for Surface {
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
             caustics: Caustics::ALL,
+            is_after_diffuse: false,
+            has_body: false,
             terminator: Terminator::default(),
+            scatters_around: false,
             values: Vec::new(),
         }
     }
@@ -110,11 +120,18 @@ impl Surface {
         self.caustics = caustics;
     }
 
+    /// Sets whether the path has scattered diffusely before, for closures that are added from now on.
+    pub(crate) fn set_after_diffuse(&mut self, is_after_diffuse: bool) {
+        self.is_after_diffuse = is_after_diffuse;
+    }
+
     /// Empties the surface and takes the frame of `point`.
     pub fn reset(&mut self, point: &SurfacePoint) {
         self.closures.clear();
+        self.has_body = false;
+        self.scatters_around = false;
         self.wo = point.wo;
-        self.sides = SideNormals { geometric: point.geometric_normal, shading: point.shading_normal };
+        self.sides = SideNormals { geometric: point.horizon_normal(), shading: point.shading_normal };
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
     }
@@ -152,7 +169,9 @@ impl Surface {
             return false;
         }
         let sample_weight = (weight * albedo).element_sum() / 3.0;
-        self.closures.push(Closure { weight, sample_weight, normal, scatter });
+        let closure = Closure { weight, sample_weight, normal, scatter };
+        self.scatters_around |= closure.scatters_around();
+        self.closures.push(closure);
         true
     }
 
@@ -217,34 +236,34 @@ impl Surface {
         let (index, remapped) = self.choose(u[2], total)?;
         let closure = &self.closures[index];
         let probability = closure.sample_weight / total;
-        let mut choice = closure.sample(self.sides, self.wo, [u[0], u[1], remapped])?;
-        choice.value *= self.terminator.factor(closure.normal, choice.wi);
-        let mut glossy = 0.0;
+        let is_mixed = || self.is_mixed(index);
+        let mut choice = closure.sample(self.sides, self.wo, [u[0], u[1], remapped], is_mixed)?;
+        if !closure.scatters_around() {
+            choice.value *= self.terminator.factor(closure.normal, choice.wi);
+        }
+        let mut classes = Classes::default();
         let (value, pdf) = if choice.singular {
             let pdf = choice.pdf * probability;
             (closure.weight * choice.value / pdf, pdf * BsdfSample::SINGULAR_PDF)
         } else {
             let mut value = closure.weight * choice.value;
             let mut pdf = choice.pdf * probability;
-            if choice.lobe == Lobe::Glossy {
-                glossy += value.element_sum();
-            }
+            classes.add(value, choice.lobe == Lobe::Glossy || closure.scatters_around(), choice.transmitted);
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
-                    let (f, density) = self.eval_closure(closure, choice.wi);
-                    let part = closure.weight * f;
-                    if closure.is_glossy() {
-                        glossy += part.element_sum();
-                    }
-                    value += part;
-                    pdf += density * (closure.sample_weight / total);
+                    let part = self.eval_closure(closure, choice.wi);
+                    let weighted = closure.weight * part.value;
+                    classes.add(weighted, closure.is_glossy(), part.transmitted);
+                    value += weighted;
+                    pdf += part.pdf * (closure.sample_weight / total);
                 }
             }
-            glossy /= value.element_sum();
+            classes.share(value);
             (value / pdf, pdf)
         };
         // The low bits of a number that chose the direction are as good as a number of their own.
-        let light_lobe = if choice.singular { choice.lobe } else { light_lobe(choice.lobe, glossy, u[0]) };
+        let light_lobe =
+            if choice.singular { choice.lobe } else { classes.lobe(self.scatters_around, choice.lobe, u[0]) };
         let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
         if !is_valid {
             return None;
@@ -267,15 +286,13 @@ impl Surface {
     pub(crate) fn sample_towards(&self, wi: Vec3, u: f32) -> Option<BsdfSample> {
         let total = self.total_weight();
         let mut densities = [0.0; MAX_CLOSURES];
-        let (mut value, mut glossy) = (Vec3::ZERO, 0.0);
+        let (mut value, mut classes) = (Vec3::ZERO, Classes::default());
         for (closure, density) in self.closures.iter().zip(&mut densities) {
-            let (f, pdf) = self.eval_closure(closure, wi);
-            let part = closure.weight * f;
-            if closure.is_glossy() {
-                glossy += part.element_sum();
-            }
-            value += part;
-            *density = pdf * (closure.sample_weight / total);
+            let part = self.eval_closure(closure, wi);
+            let weighted = closure.weight * part.value;
+            classes.add(weighted, closure.is_glossy(), part.transmitted);
+            value += weighted;
+            *density = part.pdf * (closure.sample_weight / total);
         }
         let pdf: f32 = densities.iter().sum();
         let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
@@ -289,16 +306,21 @@ impl Surface {
         };
         let mut candidates = self.closures.iter().zip(&densities);
         // Rounding may leave a rest after the last one.
-        let (closure, _) =
+        let (closure, density) =
             candidates.clone().find(is_chosen).or_else(|| candidates.rfind(|(_, d)| **d > 0.0))?;
-        let lobe = closure.lobe_towards(wi);
-        let reach = self.sides.reach(wi, lobe == Lobe::Transmission)?;
+        let (lobe, reach) = if let Scatter::Hair(hair) = &closure.scatter {
+            (hair.eval(wi).lobe(1.0 + rest / density), SampleReach::Path)
+        } else {
+            let lobe = closure.lobe_towards(wi);
+            (lobe, self.sides.reach(wi, lobe == Lobe::Transmission)?)
+        };
+        classes.share(value);
         Some(BsdfSample {
             wi,
             weight: value / pdf,
             pdf,
             lobe,
-            light_lobe: light_lobe(lobe, glossy / value.element_sum(), u),
+            light_lobe: classes.lobe(self.scatters_around, lobe, u),
             diffuse: closure.is_diffuse(),
             singular: false,
             transparent: false,
@@ -348,18 +370,39 @@ impl Surface {
             return sum;
         }
         for closure in &self.closures {
-            let (f, density) = self.eval_closure(closure, wi);
-            sum.0 += closure.weight * f;
-            sum.1 += density * (closure.sample_weight / total);
+            let part = self.eval_closure(closure, wi);
+            sum.0 += closure.weight * part.value;
+            sum.1 += part.pdf * (closure.sample_weight / total);
         }
         sum
     }
 
     /// [`Closure::eval`] of one of them.
     #[inline]
-    fn eval_closure(&self, closure: &Closure, wi: Vec3) -> (Vec3, f32) {
+    fn eval_closure(&self, closure: &Closure, wi: Vec3) -> Part {
+        if let Scatter::Hair(hair) = &closure.scatter {
+            let response = hair.eval(wi);
+            return Part {
+                value: response.value(),
+                pdf: response.pdf(),
+                transmitted: response.transmitted_share(),
+            };
+        }
         let (value, pdf) = closure.eval(self.sides.shading, self.wo, wi);
-        (value * self.terminator.factor(closure.normal, wi), pdf)
+        let is_transmitted = self.scatters_around && closure.lobe_towards(wi) == Lobe::Transmission;
+        let transmitted = if is_transmitted { 1.0 } else { 0.0 };
+        Part { value: value * self.terminator.factor(closure.normal, wi), pdf, transmitted }
+    }
+
+    /// True if other closures than this one have densities.
+    fn is_mixed(&self, index: usize) -> bool {
+        let others = self.closures.iter().enumerate().filter(|(other, _)| *other != index);
+        others.into_iter().any(|(_, closure)| closure.sharpness() != Sharpness::Singular)
+    }
+
+    /// True if light also comes from between the surface's normals, as to hair.
+    pub(crate) fn scatters_around(&self) -> bool {
+        self.scatters_around
     }
 
     /// Estimate of the surface's albedo, for the denoiser; what goes straight through is not part of it.
@@ -404,12 +447,12 @@ impl Surface {
         }
     }
 
-    fn total_weight(&self) -> f32 {
+    pub(super) fn total_weight(&self) -> f32 {
         self.closures.iter().map(|closure| closure.sample_weight).sum()
     }
 
     /// The closure that `u` falls on, and `u` stretched over it to 0..1.
-    fn choose(&self, u: f32, total: f32) -> Option<(usize, f32)> {
+    pub(super) fn choose(&self, u: f32, total: f32) -> Option<(usize, f32)> {
         let mut rest = u * total;
         let last = self.closures.len().checked_sub(1)?;
         for (index, closure) in self.closures.iter().enumerate() {
@@ -419,15 +462,5 @@ impl Surface {
             rest -= closure.sample_weight;
         }
         None
-    }
-}
-
-/// Class that lights are collected under where the sampled closure is of class `lobe` and a share of what is reflected is
-/// glossy ([`BsdfSample::light_lobe`]).
-fn light_lobe(lobe: Lobe, glossy: f32, u: f32) -> Lobe {
-    match lobe {
-        Lobe::Diffuse | Lobe::Glossy if (u * 4096.0).fract() < glossy => Lobe::Glossy,
-        Lobe::Diffuse | Lobe::Glossy => Lobe::Diffuse,
-        lobe => lobe,
     }
 }

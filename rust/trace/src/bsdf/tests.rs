@@ -10,10 +10,10 @@ use super::*;
 use crate::shading::SurfacePoint;
 
 /// SplitMix64, to have the same samples in every run.
-struct Random(u64);
+pub(super) struct Random(pub u64);
 
 impl Random {
-    fn next(&mut self) -> f32 {
+    pub fn next(&mut self) -> f32 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut word = self.0;
         word = (word ^ (word >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -21,12 +21,12 @@ impl Random {
         ((word ^ (word >> 31)) >> 40) as f32 / 16_777_216.0
     }
 
-    fn next3(&mut self) -> [f32; 3] {
+    pub fn next3(&mut self) -> [f32; 3] {
         [self.next(), self.next(), self.next()]
     }
 }
 
-fn facing(wo: Vec3) -> Surface {
+pub(super) fn facing(wo: Vec3) -> Surface {
     let point = SurfacePoint {
         position: Vec3::ZERO,
         geometric_normal: Vec3::Z,
@@ -39,6 +39,8 @@ fn facing(wo: Vec3) -> Surface {
         barycentrics: [0.3, 0.3],
         ray_length: 1.0,
         footprint: 1e-3,
+        strand: None,
+        is_seen: true,
     };
     let mut surface = Surface::default();
     surface.reset(&point);
@@ -72,6 +74,7 @@ fn models() -> Vec<(&'static str, Build)> {
         ("diffuse", |_| Scatter::Diffuse),
         ("oren-nayar", |wo| Scatter::OrenNayar(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, wo))),
         ("translucent", |_| Scatter::Translucent),
+        ("rough translucent", |wo| Scatter::RoughTranslucent(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, wo))),
         ("sheen smooth", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.3, wo).unwrap().0)),
         ("sheen rough", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.9, wo).unwrap().0)),
         ("ashikhmin", |_| {
@@ -96,6 +99,10 @@ fn models() -> Vec<(&'static str, Build)> {
         ("glass", |_| microfacet(Ggx, Glass, (0.4, 0.4), 1.5, Fresnel::Dielectric)),
         ("glass from inside", |_| microfacet(Ggx, Glass, (0.4, 0.4), 1.0 / 1.5, Fresnel::Dielectric)),
         ("beckmann glass", |_| microfacet(Beckmann, Glass, (0.4, 0.4), 1.5, Fresnel::Dielectric)),
+        ("chiang", |wo| Scatter::Hair(hair::tests::chiang(0.2, 0.3, wo))),
+        ("chiang at the edge", |wo| Scatter::Hair(hair::tests::chiang(-0.95, 0.2, wo))),
+        ("hair reflection", |wo| Scatter::Hair(hair::tests::lobe(HairSide::Reflection, wo))),
+        ("hair transmission", |wo| Scatter::Hair(hair::tests::lobe(HairSide::Transmission, wo))),
         ("tinted glass", |_| {
             let fresnel = Fresnel::Tinted {
                 f0: Vec3::new(0.08, 0.04, 0.02),
@@ -107,7 +114,7 @@ fn models() -> Vec<(&'static str, Build)> {
     ]
 }
 
-fn views() -> [Vec3; 3] {
+pub(super) fn views() -> [Vec3; 3] {
     [0.05f32, 0.8, 1.35].map(|theta| {
         let (sin, cos) = theta.sin_cos();
         Vec3::new(sin * 0.96, sin * 0.28, cos)
@@ -204,7 +211,7 @@ fn mixtures_follow_their_density() {
     for wo in views() {
         let mut surface = facing(wo);
         for (name, build) in models() {
-            if ["diffuse", "ggx", "glass", "sheen rough", "translucent"].contains(&name) {
+            if ["diffuse", "ggx", "glass", "sheen rough", "translucent", "chiang"].contains(&name) {
                 surface.add(Vec3::new(0.3, 0.2, 0.1), Vec3::ONE, Vec3::Z, build(wo));
             }
         }
@@ -277,7 +284,9 @@ fn no_closure_creates_energy() {
 fn lossless_closures_return_all() {
     for wo in views() {
         for (name, build) in models() {
-            if ["diffuse", "oren-nayar", "translucent", "sheen smooth", "sheen rough"].contains(&name) {
+            let lossless =
+                ["diffuse", "oren-nayar", "translucent", "rough translucent", "sheen smooth", "sheen rough"];
+            if lossless.contains(&name) {
                 let returned = furnace(&surface_of(build, wo), 100_000).x;
                 assert!((returned - 1.0).abs() < 0.01, "{name} from {wo}: {returned}");
             }

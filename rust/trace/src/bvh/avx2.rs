@@ -5,10 +5,11 @@ use std::{arch::x86_64::*, mem::MaybeUninit};
 
 use super::{
     Ray,
+    strands::{SLACK, StrandBlock, StrandRay},
     traverse::{
         BlockHits, EDGE_SLACK, EXIT_SLACK, LocalRay, MAX_EDGE_SLACK, NearestHit, TraversalKernel, traverse,
     },
-    tree::{BvhLanes, BvhNode, Tree, TriangleBlock, WIDTH},
+    tree::{BvhLanes, BvhNode, Child, Tree, TriangleBlock, WIDTH},
 };
 
 /// [`traverse`] compiled for AVX2.
@@ -16,11 +17,13 @@ use super::{
 pub(super) fn traverse_avx2<const ANY: bool>(
     tree: &Tree,
     ray: &Ray,
+    root: Option<Child>,
     stack: &mut [MaybeUninit<u64>],
     accept: impl Fn(u32, u32) -> bool,
     enter_placement: impl Fn(u32) -> bool,
+    source: impl Fn(u32) -> u32,
 ) -> Option<NearestHit> {
-    traverse::<Avx2Ray, ANY>(tree, ray, stack, accept, enter_placement)
+    traverse::<Avx2Ray, ANY>(tree, ray, root, stack, accept, enter_placement, source)
 }
 
 /// A ray with each coordinate in all lanes. Only made within [`traverse_avx2`].
@@ -96,6 +99,39 @@ impl TraversalKernel for Avx2Ray {
             let far = _mm256_min_ps(_mm256_mul_ps(far, _mm256_set1_ps(EXIT_SLACK)), _mm256_set1_ps(t_max));
             let inside = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
             (_mm256_movemask_ps(inside) as u32, store(near))
+        }
+    }
+
+    #[inline(always)]
+    fn near_strands(block: &StrandBlock, ray: &StrandRay, z_max: f32) -> u32 {
+        let vector = |lanes: &[BvhLanes; 3]| [load(&lanes[0]), load(&lanes[1]), load(&lanes[2])];
+        let (start, axis, origin) = (vector(&block.start), vector(&block.axis), splat(ray.origin));
+        let axes = ray.axes.map(splat);
+        // SAFETY: the caller runs with AVX2 and FMA.
+        unsafe {
+            let start = [0, 1, 2].map(|coordinate| _mm256_sub_ps(start[coordinate], origin[coordinate]));
+            let [start, axis] = [start, axis].map(|vector| axes.map(|along| dot(vector, along)));
+            let flat = |a: V3, b: V3| _mm256_fmadd_ps(a[0], b[0], _mm256_mul_ps(a[1], b[1]));
+            let (zero, sign) = (_mm256_setzero_ps(), _mm256_set1_ps(-0.0));
+            let across = _mm256_max_ps(flat(axis, axis), _mm256_set1_ps(f32::MIN_POSITIVE));
+            let along = _mm256_div_ps(_mm256_xor_ps(flat(start, axis), sign), across);
+            let along = _mm256_min_ps(_mm256_max_ps(along, zero), _mm256_set1_ps(1.0));
+            let nearest =
+                [0, 1, 2].map(|axis_number| _mm256_fmadd_ps(axis[axis_number], along, start[axis_number]));
+            let [x, y, z] = start.map(|coordinate| _mm256_andnot_ps(sign, coordinate));
+            let reach = load(&block.reach);
+            let size = _mm256_add_ps(_mm256_add_ps(x, y), z);
+            let wide = _mm256_fmadd_ps(_mm256_set1_ps(SLACK), size, reach);
+            let end = _mm256_add_ps(start[2], axis[2]);
+            let low = _mm256_sub_ps(_mm256_min_ps(start[2], end), wide);
+            let high = _mm256_add_ps(_mm256_max_ps(start[2], end), wide);
+            let is_beside = _mm256_cmp_ps::<_CMP_LE_OQ>(flat(nearest, nearest), _mm256_mul_ps(wide, wide));
+            let is_there = _mm256_cmp_ps::<_CMP_GE_OQ>(reach, zero);
+            let is_within = _mm256_and_ps(
+                _mm256_cmp_ps::<_CMP_LT_OQ>(low, _mm256_set1_ps(z_max)),
+                _mm256_cmp_ps::<_CMP_GT_OQ>(high, zero),
+            );
+            _mm256_movemask_ps(_mm256_and_ps(_mm256_and_ps(is_beside, is_there), is_within)) as u32
         }
     }
 

@@ -1,5 +1,7 @@
 //! Builds the trees of a scene: obvhs makes a binary tree, [`super::collapse`] makes it wide.
 
+use std::collections::HashMap;
+
 use glam::{Affine3A, Vec3, Vec3A};
 use obvhs::{
     aabb::Aabb,
@@ -8,13 +10,15 @@ use obvhs::{
     splits::split_aabbs_preset,
     triangle::Triangle,
 };
-use relume_scene::{Geometry, Instance, Mesh, Scene};
+use relume_scene::{Curves, Geometry, Instance, Material, Mesh, Points, Scene};
 
 use super::{
     BvhError,
     collapse::{Primitives, collapse},
+    spheres::SphereBlock,
     storage::Storage,
-    tree::{Child, Growing, INDEX_LIMIT, MeshPlacement, Tree},
+    strands::{KEY_LIMIT, Piece, StrandBlock, StrandSet},
+    tree::{Child, Growing, INDEX_LIMIT, PlacedKind, Placement, Tree, TriangleBlock},
 };
 
 /// Share of the nodes that obvhs tries to reinsert at better places. Twenty times as many cost twenty times the time and
@@ -25,48 +29,53 @@ const REINSERTION_RATIO: f32 = 0.05;
 /// ones are copied into the world, since entering an instance costs about as much as two node tests.
 pub(super) const SHARED_MESH_TRIANGLES: usize = 64;
 
-/// Builds all trees of `scene`.
+/// Builds all trees of `scene`. Meshes that light scatters in have a tree of their own, which [`super::SceneBvh::intersect_within`]
+/// walks.
 pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     let mut uses = vec![0_usize; scene.meshes.len()];
+    let mut is_body = vec![false; scene.meshes.len()];
+    let scatters: Vec<bool> = scene.materials.iter().map(Material::has_subsurface).collect();
     for instance in &scene.instances {
-        let Geometry::Mesh(mesh) = instance.geometry;
-        uses[mesh] += 1;
+        if let Geometry::Mesh(mesh) = instance.geometry {
+            uses[mesh] += 1;
+            is_body[mesh] |= instance.materials.iter().any(|m| scatters.get(*m) == Some(&true));
+        }
     }
-    let is_shared =
-        |mesh: usize| uses[mesh] > 1 && scene.meshes[mesh].triangles.len() >= SHARED_MESH_TRIANGLES;
+    let in_world = |mesh: usize| !is_body[mesh] && (uses[mesh] == 1 || is_small(&scene.meshes[mesh]));
 
     let mut tree = Growing::default();
     let (mut first_ids, mut instance_of) = (Vec::new(), Vec::new());
     let mut world = PrimitiveList::default();
-    let mut shared_roots = vec![None; scene.meshes.len()];
-    let mut depth_below = 0;
+    let mut roots = HashMap::new();
     for (index, instance) in scene.instances.iter().enumerate() {
-        let Geometry::Mesh(number) = instance.geometry;
-        let mesh = &scene.meshes[number];
         first_ids.push(instance_of.len() as u32);
-        if is_shared(number) {
-            if shared_roots[number].is_none() {
-                let mut list = PrimitiveList::default();
-                list.add_mesh(mesh, Affine3A::IDENTITY, 0);
-                let root = list.build(&mut tree);
-                depth_below = depth_below.max(root.map_or(0, |(_, depth)| depth));
-                shared_roots[number] = Some((root, list.bounds()));
+        match instance.geometry {
+            Geometry::Mesh(mesh) if in_world(mesh) => {
+                let mesh = &scene.meshes[mesh];
+                world.add_mesh(mesh, instance.world_from_object, instance_of.len() as u32);
+                instance_of.resize(instance_of.len() + mesh.triangles.len(), index as u32);
+                if instance_of.len() >= INDEX_LIMIT {
+                    return Err(BvhError::TooManyTriangles { limit: INDEX_LIMIT });
+                }
             }
-            if let Some((Some((root, _)), bounds)) = shared_roots[number] {
-                world.add_placement(instance, index, root, bounds, &mut tree);
+            geometry => {
+                let known = roots.get(&geometry).copied();
+                let root = known.map_or_else(|| OwnTree::build(scene, geometry, &mut tree), Ok)?;
+                roots.insert(geometry, root);
+                if let Some(root) = root {
+                    world.add_placement(instance, index, &root, &mut tree);
+                }
             }
-        } else {
-            world.add_mesh(mesh, instance.world_from_object, instance_of.len() as u32);
-            instance_of.resize(instance_of.len() + mesh.triangles.len(), index as u32);
-        }
-        if instance_of.len() >= INDEX_LIMIT {
-            return Err(BvhError::TooManyTriangles { limit: INDEX_LIMIT });
         }
     }
     let root = world.build(&mut tree);
+    let depth_below = roots.values().flatten().map(|root| root.depth).max().unwrap_or(0);
     Ok(Tree {
         nodes: Storage::new(tree.nodes),
         blocks: Storage::new(tree.blocks),
+        strand_blocks: Storage::new(tree.strand_blocks),
+        strand_sets: tree.strand_sets,
+        sphere_blocks: Storage::new(tree.sphere_blocks),
         placements: tree.placements,
         root: root.map(|(root, _)| root),
         first_ids,
@@ -74,6 +83,55 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
         // One entry more for the way back from an instance.
         stack_depth: root.map_or(0, |(_, depth)| depth) + depth_below + 1,
     })
+}
+
+fn is_small(mesh: &Mesh) -> bool {
+    mesh.triangles.len() < SHARED_MESH_TRIANGLES
+}
+
+/// Tree of a geometry that is placed.
+#[derive(Clone, Copy)]
+struct OwnTree {
+    root: Child,
+    kind: PlacedKind,
+    bounds: Aabb,
+    /// Depth of its stack.
+    depth: usize,
+}
+
+impl OwnTree {
+    /// The tree of a geometry; nothing if rays cannot meet it.
+    fn build(scene: &Scene, geometry: Geometry, tree: &mut Growing) -> Result<Option<Self>, BvhError> {
+        let (bounds, built, kind) = match geometry {
+            Geometry::Mesh(mesh) => {
+                let mut list = PrimitiveList::default();
+                list.add_mesh(&scene.meshes[mesh], Affine3A::IDENTITY, 0);
+                (list.bounds(), list.build(tree), PlacedKind::Mesh)
+            }
+            Geometry::Curves(curves) => {
+                let list = StrandList::new(&scene.curves[curves])?;
+                let number = tree.strand_sets.len() as u32;
+                let bounds = union(list.pieces.iter().map(piece_box));
+                let built = build_boxes(&list, list.pieces.iter().map(piece_box).collect(), tree);
+                tree.strand_sets.push(list.set);
+                (bounds, built, PlacedKind::Strands(number))
+            }
+            Geometry::Points(points) => {
+                let list = SphereList::new(&scene.points[points]);
+                let boxes: Vec<Aabb> = list.boxes().collect();
+                (union(boxes.iter().copied()), build_boxes(&list, boxes, tree), PlacedKind::Points)
+            }
+        };
+        Ok(built.map(|(root, depth)| Self { root, kind, bounds, depth }))
+    }
+}
+
+fn union(boxes: impl Iterator<Item = Aabb>) -> Aabb {
+    boxes.fold(Aabb::INVALID, |bounds, other| bounds.union(&other))
+}
+
+fn piece_box(piece: &Piece) -> Aabb {
+    Aabb { min: piece.min.into(), max: piece.max.into() }
 }
 
 /// Primitives of one binary tree: triangles first, then placements.
@@ -101,19 +159,12 @@ impl PrimitiveList {
         }
     }
 
-    fn add_placement(
-        &mut self,
-        instance: &Instance,
-        index: usize,
-        root: Child,
-        bounds: Aabb,
-        tree: &mut Growing,
-    ) {
+    fn add_placement(&mut self, instance: &Instance, index: usize, placed: &OwnTree, tree: &mut Growing) {
         let object_from_world = instance.world_from_object.inverse();
         if !object_from_world.is_finite() {
             return;
         }
-        let mut world = Aabb::INVALID;
+        let (bounds, mut world) = (placed.bounds, Aabb::INVALID);
         for corner in 0..8 {
             let pick =
                 |axis: usize| if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] };
@@ -122,22 +173,18 @@ impl PrimitiveList {
         // The transform of the ray rounds, so that the box has to be a little larger.
         let slack = world.min.abs().max(world.max.abs()) * (4.0 * f32::EPSILON);
         let world = Aabb { min: world.min - slack, max: world.max + slack };
-        tree.placements.push(MeshPlacement { object_from_world, root, instance: index as u32 });
+        let OwnTree { root, kind, .. } = *placed;
+        tree.placements.push(Placement { object_from_world, root, kind, instance: index as u32 });
         self.placements.push((world, Child::placement(tree.placements.len() - 1)));
     }
 
     fn bounds(&self) -> Aabb {
-        self.triangles.iter().fold(Aabb::INVALID, |bounds, triangle| bounds.union(&triangle.aabb()))
-    }
-
-    fn build(&self, tree: &mut Growing) -> Option<(Child, usize)> {
-        let mut binary = self.build_binary()?;
-        collapse(&mut binary, self, tree)
+        union(self.triangles.iter().map(Triangle::aabb))
     }
 
     /// obvhs's steps of a slow, good build, with a primitive a leaf: large triangles are split, then PLOC, then
     /// reinsertion.
-    fn build_binary(&self) -> Option<Bvh2> {
+    fn build(&self, tree: &mut Growing) -> Option<(Child, usize)> {
         let mut bounds: Vec<Aabb> = self.triangles.iter().map(Triangle::aabb).collect();
         let mut indices: Vec<u32> = (0..bounds.len() as u32).collect();
         if !bounds.is_empty() {
@@ -150,30 +197,124 @@ impl PrimitiveList {
             bounds.push(*placement);
             indices.push((self.triangles.len() + index) as u32);
         }
-        if bounds.is_empty() {
-            return None;
-        }
-        let mut binary = PlocBuilder::with_capacity(bounds.len()).build(
-            PlocSearchDistance::High,
-            &bounds,
-            indices,
-            SortPrecision::U128,
-            2,
-        );
-        binary.uses_spatial_splits = true;
-        ReinsertionOptimizer::default().run(&mut binary, REINSERTION_RATIO, None);
-        Some(binary)
+        collapse(&mut binary_tree(&bounds, indices)?, self, tree)
     }
 }
 
+/// Builds a tree with a box for each primitive.
+fn build_boxes(list: &impl Primitives, boxes: Vec<Aabb>, tree: &mut Growing) -> Option<(Child, usize)> {
+    let indices = (0..boxes.len() as u32).collect();
+    collapse(&mut binary_tree(&boxes, indices)?, list, tree)
+}
+
+fn binary_tree(bounds: &[Aabb], indices: Vec<u32>) -> Option<Bvh2> {
+    if bounds.is_empty() {
+        return None;
+    }
+    let mut binary = PlocBuilder::with_capacity(bounds.len()).build(
+        PlocSearchDistance::High,
+        bounds,
+        indices,
+        SortPrecision::U128,
+        2,
+    );
+    binary.uses_spatial_splits = true;
+    ReinsertionOptimizer::default().run(&mut binary, REINSERTION_RATIO, None);
+    Some(binary)
+}
+
 impl Primitives for PrimitiveList {
-    fn triangle(&self, primitive: u32) -> Option<([Vec3; 3], u32)> {
-        let triangle = self.triangles.get(primitive as usize)?;
-        let corners = [triangle.v0, triangle.v1, triangle.v2].map(Vec3::from);
-        Some((corners, self.ids[primitive as usize]))
+    const BLOCK_COST: f32 = 1.3;
+
+    fn is_packed(&self, primitive: u32) -> bool {
+        (primitive as usize) < self.triangles.len()
     }
 
-    fn placement(&self, primitive: u32) -> Child {
-        self.placements[primitive as usize - self.triangles.len()].1
+    fn write_leaf(&self, primitives: &[u32], tree: &mut Growing) -> Child {
+        if let Some(placement) = (primitives[0] as usize).checked_sub(self.triangles.len()) {
+            return self.placements[placement].1;
+        }
+        let mut block = TriangleBlock::empty();
+        for (lane, &primitive) in primitives.iter().enumerate() {
+            let triangle = &self.triangles[primitive as usize];
+            let corners = [triangle.v0, triangle.v1, triangle.v2].map(Vec3::from);
+            block.set(lane, corners, self.ids[primitive as usize]);
+        }
+        tree.blocks.push(block);
+        Child::block(tree.blocks.len() - 1)
+    }
+}
+
+/// Pieces of the strands of one geometry.
+struct StrandList {
+    set: StrandSet,
+    pieces: Vec<Piece>,
+}
+
+impl StrandList {
+    fn new(curves: &Curves) -> Result<Self, BvhError> {
+        if curves.keys.len() >= KEY_LIMIT {
+            return Err(BvhError::TooManyKeys { limit: KEY_LIMIT });
+        }
+        let set = StrandSet::new(curves);
+        let pieces = set.pieces();
+        Ok(Self { set, pieces })
+    }
+}
+
+impl Primitives for StrandList {
+    /// Measured with [`super::Ray`]s through a head of hair.
+    const BLOCK_COST: f32 = 2.0;
+
+    fn is_packed(&self, _primitive: u32) -> bool {
+        true
+    }
+
+    fn write_leaf(&self, primitives: &[u32], tree: &mut Growing) -> Child {
+        let mut block = StrandBlock::empty();
+        for (lane, &primitive) in primitives.iter().enumerate() {
+            block.set(lane, &self.pieces[primitive as usize]);
+        }
+        tree.strand_blocks.push(block);
+        Child::strands(tree.strand_blocks.len() - 1)
+    }
+}
+
+/// Spheres of one geometry that have a radius, by their index.
+struct SphereList<'a> {
+    points: &'a Points,
+    ids: Vec<u32>,
+}
+
+impl<'a> SphereList<'a> {
+    fn new(points: &'a Points) -> Self {
+        let ids = (0..points.radii.len() as u32).filter(|id| points.radii[*id as usize] > 0.0).collect();
+        Self { points, ids }
+    }
+
+    fn boxes(&self) -> impl Iterator<Item = Aabb> {
+        self.ids.iter().map(|&id| {
+            let (center, radius) = (self.points.positions[id as usize], self.points.radii[id as usize]);
+            let margin = radius + center.abs().max_element() * (4.0 * f32::EPSILON);
+            Aabb { min: (center - margin).into(), max: (center + margin).into() }
+        })
+    }
+}
+
+impl Primitives for SphereList<'_> {
+    const BLOCK_COST: f32 = 1.0;
+
+    fn is_packed(&self, _primitive: u32) -> bool {
+        true
+    }
+
+    fn write_leaf(&self, primitives: &[u32], tree: &mut Growing) -> Child {
+        let mut block = SphereBlock::empty();
+        for (lane, &primitive) in primitives.iter().enumerate() {
+            let id = self.ids[primitive as usize];
+            block.set(lane, self.points.positions[id as usize], self.points.radii[id as usize], id);
+        }
+        tree.sphere_blocks.push(block);
+        Child::spheres(tree.sphere_blocks.len() - 1)
     }
 }

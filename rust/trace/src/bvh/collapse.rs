@@ -8,19 +8,19 @@
 use glam::Vec3;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 
-use super::tree::{BvhNode, Child, Growing, TriangleBlock, WIDTH};
+use super::tree::{BvhNode, Child, Growing, WIDTH};
 
 /// Cost of testing a node's eight boxes.
 const NODE_COST: f32 = 1.0;
-/// Cost of testing a block's eight triangles, relative to [`NODE_COST`].
-const BLOCK_COST: f32 = 1.3;
 
 /// Source of the primitives of the binary tree.
 pub(super) trait Primitives {
-    /// The corners and the number of a triangle, or nothing if the primitive is a placement.
-    fn triangle(&self, primitive: u32) -> Option<([Vec3; 3], u32)>;
-    /// The entry for a primitive that is not a triangle.
-    fn placement(&self, primitive: u32) -> Child;
+    /// Cost of testing a block's eight primitives, relative to [`NODE_COST`].
+    const BLOCK_COST: f32;
+    /// True if the primitive can share a block with others.
+    fn is_packed(&self, primitive: u32) -> bool;
+    /// Appends a block of up to eight primitives, each once, and returns its entry; that of the first one if it is not packed.
+    fn write_leaf(&self, primitives: &[u32], tree: &mut Growing) -> Child;
 }
 
 /// Cut of a subtree: `cost[k - 1]` for at most `k` trees, and how many of them the left child gets.
@@ -31,8 +31,8 @@ struct Cut {
     left: [u8; WIDTH],
     /// True if the whole subtree becomes one block.
     is_leaf: bool,
-    /// Triangles below, at most [`WIDTH`] + 1; 0 if there is a placement.
-    triangles: u8,
+    /// Primitives below, at most [`WIDTH`] + 1; 0 if one cannot share a block.
+    packed: u8,
 }
 
 /// Appends the tree of `binary` to `tree` and returns its root and the depth of its stack.
@@ -52,30 +52,30 @@ pub(super) fn collapse(
 }
 
 /// Bottom-up: children come after their parents in the array.
-fn plan(binary: &Bvh2, primitives: &impl Primitives) -> Vec<Cut> {
+fn plan<P: Primitives>(binary: &Bvh2, primitives: &P) -> Vec<Cut> {
     let mut cuts = vec![Cut::default(); binary.nodes.len()];
     for index in (0..binary.nodes.len()).rev() {
         let node = &binary.nodes[index];
         cuts[index] = if node.is_leaf() {
-            let is_triangle = primitives.triangle(leaf_primitive(binary, node)).is_some();
+            let is_packed = primitives.is_packed(leaf_primitive(binary, node));
             Cut {
-                cost: [node.aabb().half_area() * BLOCK_COST; WIDTH],
+                cost: [node.aabb().half_area() * P::BLOCK_COST; WIDTH],
                 left: [0; WIDTH],
                 is_leaf: true,
-                triangles: u8::from(is_triangle),
+                packed: u8::from(is_packed),
             }
         } else {
             let first = node.first_index as usize;
-            inner_cut(node.aabb().half_area(), &cuts[first], &cuts[first + 1])
+            inner_cut(node.aabb().half_area(), P::BLOCK_COST, &cuts[first], &cuts[first + 1])
         };
     }
     cuts
 }
 
-fn inner_cut(area: f32, left: &Cut, right: &Cut) -> Cut {
+fn inner_cut(area: f32, block_cost: f32, left: &Cut, right: &Cut) -> Cut {
     let mut cut = Cut::default();
-    if left.triangles > 0 && right.triangles > 0 {
-        cut.triangles = (left.triangles + right.triangles).min(WIDTH as u8 + 1);
+    if left.packed > 0 && right.packed > 0 {
+        cut.packed = (left.packed + right.packed).min(WIDTH as u8 + 1);
     }
     // For k trees, k - 1 of them shared out between the children.
     let share = |k: usize| {
@@ -86,8 +86,8 @@ fn inner_cut(area: f32, left: &Cut, right: &Cut) -> Cut {
     };
     let (opened, opened_left) = share(WIDTH);
     let as_node = opened + area * NODE_COST;
-    let as_leaf = area * BLOCK_COST;
-    cut.is_leaf = cut.triangles > 0 && usize::from(cut.triangles) <= WIDTH && as_leaf <= as_node;
+    let as_leaf = area * block_cost;
+    cut.is_leaf = cut.packed > 0 && usize::from(cut.packed) <= WIDTH && as_leaf <= as_node;
     cut.cost[0] = if cut.is_leaf { as_leaf } else { as_node };
     cut.left[0] = opened_left;
     for k in 2..=WIDTH {
@@ -177,20 +177,10 @@ impl<P: Primitives> TreeWriter<'_, P> {
     fn write_leaf(&mut self, source: usize) -> Child {
         let mut found = Vec::with_capacity(WIDTH);
         self.gather_primitives(source, &mut found);
-        if self.cuts[source].triangles == 0 {
-            return self.primitives.placement(found[0]);
-        }
         // Spatial splits refer to one triangle from several leaves.
         found.sort_unstable();
         found.dedup();
-        let mut block = TriangleBlock::empty();
-        for (lane, primitive) in found.into_iter().enumerate() {
-            if let Some((corners, id)) = self.primitives.triangle(primitive) {
-                block.set(lane, corners, id);
-            }
-        }
-        self.tree.blocks.push(block);
-        Child::block(self.tree.blocks.len() - 1)
+        self.primitives.write_leaf(&found, self.tree)
     }
 
     fn gather_primitives(&self, source: usize, found: &mut Vec<u32>) {

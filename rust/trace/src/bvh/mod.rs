@@ -1,17 +1,22 @@
 //! Intersection of rays with the scene.
 //!
 //! [`SceneBvh`] holds one tree of the whole scene: triangles of meshes that are used once (or are small) stand in it
-//! in world space, meshes that are used more often have a tree of their own that the world's tree refers to. obvhs
-//! builds, we collapse to eight children a node and walk with AVX2.
+//! in world space. Meshes that are used more often, strands and points have trees of their own that the world's tree
+//! refers to. obvhs builds, we collapse to eight children a node and walk with AVX2.
 
 mod build;
 mod collapse;
 mod scalar;
+mod spheres;
 mod storage;
+#[cfg(test)]
+mod strand_tests;
+mod strands;
 #[cfg(test)]
 mod tests;
 mod traverse;
 mod tree;
+mod tube;
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -24,7 +29,7 @@ use relume_scene::{Instance, Scene};
 
 use crate::shading::Hit;
 use traverse::{NearestHit, STACK, traverse};
-use tree::Tree;
+use tree::{Child, PlacedKind, Placement, Tree};
 
 /// A tree that could not be built.
 #[derive(Debug, thiserror::Error)]
@@ -33,6 +38,12 @@ pub enum BvhError {
     #[error("the scene has more than {limit} triangles; simplify its meshes or share them between objects")]
     TooManyTriangles {
         /// Most triangles that fit.
+        limit: usize,
+    },
+    /// More keys of strands than a piece's number can count.
+    #[error("an object has hair of more than {limit} keys; divide it between objects")]
+    TooManyKeys {
+        /// Most keys that fit.
         limit: usize,
     },
 }
@@ -71,8 +82,8 @@ pub struct SceneBvh {
     any_hidden: bool,
     /// Instances whose transform swaps left and right, so that their triangles turn around in the world.
     mirrored: Vec<bool>,
-    /// Instances that stand in the tree by reference.
-    placed: Vec<bool>,
+    /// Number of the placement of each instance that stands in the tree by reference; [`NOT_PLACED`] for others.
+    placements: Vec<u32>,
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "no other processor has it"))]
     use_avx2: bool,
 }
@@ -89,14 +100,37 @@ impl SceneBvh {
             .map(|instance| instance.world_from_object.matrix3.determinant() < 0.0)
             .collect();
         let tree = build::build(scene)?;
-        let mut placed = vec![false; scene.instances.len()];
-        tree.placements.iter().for_each(|placement| placed[placement.instance as usize] = true);
-        Ok(Self { tree: Arc::new(tree), visibility, any_hidden, mirrored, placed, use_avx2: has_avx2() })
+        let mut placements = vec![NOT_PLACED; scene.instances.len()];
+        for (number, placement) in tree.placements.iter().enumerate() {
+            placements[placement.instance as usize] = number as u32;
+        }
+        Ok(Self { tree: Arc::new(tree), visibility, any_hidden, mirrored, placements, use_avx2: has_avx2() })
+    }
+
+    /// Memory of the trees.
+    pub fn bytes(&self) -> usize {
+        self.tree.bytes()
     }
 
     /// The nearest hit.
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        self.walk::<false>(ray).map(|found| self.hit(&found))
+        self.walk::<false>(ray).map(|found| self.hit(ray, &found))
+    }
+
+    /// The nearest hit with one instance alone, on either side and whatever sees it. Its mesh has to scatter light inside.
+    pub fn intersect_within(&self, ray: &Ray, instance: u32) -> Option<Hit> {
+        let placement = self.placements[instance as usize];
+        // Nothing can be met of what is scaled to nothing.
+        if placement == NOT_PLACED {
+            return None;
+        }
+        let from = ray.from.map_or(u32::MAX, |(_, triangle)| triangle);
+        let accept = |_: u32, id: u32| id != from;
+        self.with_stack(|stack| {
+            let root = Some(Child::placement(placement as usize));
+            self.traverse::<false>(ray, root, stack, accept, |_| true, |_| u32::MAX)
+        })
+        .map(|found| self.hit(ray, &found))
     }
 
     /// True if anything is hit.
@@ -105,15 +139,6 @@ impl SceneBvh {
     }
 
     fn walk<const ANY: bool>(&self, ray: &Ray) -> Option<NearestHit> {
-        let mut on_stack = [const { MaybeUninit::uninit() }; STACK];
-        if self.tree.stack_depth <= STACK {
-            self.walk_with::<ANY>(ray, &mut on_stack)
-        } else {
-            self.walk_with::<ANY>(ray, &mut vec![MaybeUninit::uninit(); self.tree.stack_depth])
-        }
-    }
-
-    fn walk_with<const ANY: bool>(&self, ray: &Ray, stack: &mut [MaybeUninit<u64>]) -> Option<NearestHit> {
         let lobe = 1 << ray.lobe as u8;
         let (from_placed, from_id) = self.source_primitive(ray);
         let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & lobe != 0;
@@ -127,25 +152,58 @@ impl SceneBvh {
             }
         };
         let enter = |placement: u32| sees(placed_instance(placement));
+        let source =
+            |placement: u32| if placed_instance(placement) == from_placed { from_id } else { u32::MAX };
+        self.with_stack(|stack| self.traverse::<ANY>(ray, self.tree.root, stack, accept, enter, source))
+    }
+
+    #[inline(always)]
+    fn with_stack<T>(&self, walk: impl FnOnce(&mut [MaybeUninit<u64>]) -> T) -> T {
+        let mut on_stack = [const { MaybeUninit::uninit() }; STACK];
+        if self.tree.stack_depth <= STACK {
+            walk(&mut on_stack)
+        } else {
+            walk(&mut vec![MaybeUninit::uninit(); self.tree.stack_depth])
+        }
+    }
+
+    #[inline(always)]
+    fn traverse<const ANY: bool>(
+        &self,
+        ray: &Ray,
+        root: Option<Child>,
+        stack: &mut [MaybeUninit<u64>],
+        accept: impl Fn(u32, u32) -> bool,
+        enter: impl Fn(u32) -> bool,
+        source: impl Fn(u32) -> u32,
+    ) -> Option<NearestHit> {
         #[cfg(target_arch = "x86_64")]
         if self.use_avx2 {
             // SAFETY: `use_avx2` is set only where the processor has all features that the function enables.
-            return unsafe { avx2::traverse_avx2::<ANY>(&self.tree, ray, stack, accept, enter) };
+            return unsafe {
+                avx2::traverse_avx2::<ANY>(&self.tree, ray, root, stack, accept, enter, source)
+            };
         }
-        traverse::<scalar::Scalar, ANY>(&self.tree, ray, stack, accept, enter)
+        traverse::<scalar::Scalar, ANY>(&self.tree, ray, root, stack, accept, enter, source)
     }
 
     /// Instance of the primitive that the ray leaves if it is a placed one, and the primitive's number.
     fn source_primitive(&self, ray: &Ray) -> (u32, u32) {
         let Some((instance, primitive)) = ray.from else { return (u32::MAX, u32::MAX) };
-        if self.placed[instance as usize] {
+        if self.placements[instance as usize] != NOT_PLACED {
             (instance, primitive)
         } else {
             (u32::MAX, self.tree.first_ids[instance as usize] + primitive)
         }
     }
 
-    fn hit(&self, found: &NearestHit) -> Hit {
+    fn hit(&self, ray: &Ray, found: &NearestHit) -> Hit {
+        if found.placement != u32::MAX
+            && let kind @ (PlacedKind::Strands(_) | PlacedKind::Points) =
+                self.tree.placements[found.placement as usize].kind
+        {
+            return self.curved_hit(ray, found, kind);
+        }
         let cross = self.tree.blocks[found.block as usize].cross(found.lane as usize);
         let (instance, primitive, front) = if found.placement == u32::MAX {
             let instance = self.tree.instance_of[found.id as usize];
@@ -160,7 +218,26 @@ impl SceneBvh {
         let (u, v) = (found.u.clamp(0.0, 1.0), found.v.clamp(0.0, 1.0));
         Hit { instance, primitive, barycentrics: [u.min(1.0 - v), v], distance: found.t, front }
     }
+
+    /// A hit on a strand or a sphere.
+    fn curved_hit(&self, ray: &Ray, found: &NearestHit, kind: PlacedKind) -> Hit {
+        let Placement { object_from_world, instance, .. } = self.tree.placements[found.placement as usize];
+        let direction = object_from_world.transform_vector3(ray.direction);
+        let position = object_from_world.transform_point3(ray.origin) + direction * found.t;
+        let normal = match kind {
+            PlacedKind::Strands(set) => {
+                self.tree.strand_sets[set as usize].normal(found.id, found.u, position, direction)
+            }
+            _ => self.tree.sphere_blocks[found.block as usize].from_center(found.lane as usize, position),
+        };
+        let front = object_from_world.matrix3.transpose() * normal;
+        let barycentrics = [found.u, found.v];
+        Hit { instance, primitive: found.id, barycentrics, distance: found.t, front }
+    }
 }
+
+/// Stands for the placement of an instance whose triangles are in the world's tree.
+const NOT_PLACED: u32 = u32::MAX;
 
 const ALL_VISIBLE: u8 = 0b1_1111;
 

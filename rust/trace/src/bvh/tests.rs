@@ -5,20 +5,20 @@ use relume_scene::{Instance, Mesh, Scene};
 use super::*;
 
 /// A small generator (PCG), so that tests need no crate for it.
-struct Random(u64);
+pub(super) struct Random(pub u64);
 
 impl Random {
-    fn next(&mut self) -> f32 {
+    pub fn next(&mut self) -> f32 {
         self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         let mixed = ((self.0 >> 18) ^ self.0) >> 27;
         (mixed as u32).rotate_right((self.0 >> 59) as u32) as f32 / u32::MAX as f32
     }
 
-    fn point(&mut self, scale: f32) -> Vec3 {
+    pub fn point(&mut self, scale: f32) -> Vec3 {
         Vec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5) * 2.0 * scale
     }
 
-    fn direction(&mut self) -> Vec3 {
+    pub fn direction(&mut self) -> Vec3 {
         loop {
             let point = self.point(1.0);
             if (0.01..=1.0).contains(&point.length_squared()) {
@@ -305,4 +305,51 @@ fn hidden_instances_are_seen_by_other_rays_only() {
             assert_eq!(SceneBvh::new(&scene).unwrap().intersect(&ray).unwrap().instance, seen);
         }
     }
+}
+
+#[test]
+fn rays_within_a_body_meet_that_body_alone() {
+    let places = vec![
+        Affine3A::IDENTITY,
+        Affine3A::from_scale_rotation_translation(
+            Vec3::new(-1.0, 2.0, 0.5),
+            Quat::from_rotation_x(0.7),
+            Vec3::X * 0.3,
+        ),
+    ];
+    let mut scene = scene_of(vec![(soup(50, 0.6, 1.0, 8), places), (soup(40, 0.8, 1.0, 9), vec![])]);
+    scene.instances.push(Instance::new("alone", 1, Affine3A::IDENTITY, vec![0]));
+    let skin = r#"{"name": "skin", "surface": 0, "nodes": [{"type": "subsurface_scattering", "color": 0.5,
+        "roughness": 1, "normal": null, "subsurface": {"radius": 1, "scale": 1, "ior": 1.4, "anisotropy": 0,
+        "model": {"method": "walk", "inversion": "polynomial", "radius_factor": 1, "anisotropy_limits": [0, 0.9],
+        "least_footprint": 0, "is_first_only": false}}}]}"#;
+    scene.materials = vec![serde_json::from_str(skin).unwrap()];
+    for instance in &mut scene.instances {
+        (instance.materials, instance.visible_diffuse) = (vec![0], false);
+    }
+    let bvh = SceneBvh::new(&scene).unwrap();
+    let mut random = Random(4);
+    let mut hits = 0;
+    for number in 0..3000 {
+        let instance = number % 3;
+        let alone = Scene {
+            instances: vec![scene.instances[instance].clone()],
+            meshes: scene.meshes.clone(),
+            ..Scene::default()
+        };
+        let ray = Ray { lobe: Lobe::Diffuse, ..Ray::new(random.point(1.2), random.direction()) };
+        let (inner, outer) = (brute_force(&alone, &ray, -1e-4), brute_force(&alone, &ray, 1e-4));
+        let hit = bvh.intersect_within(&ray, instance as u32);
+        let t = hit.map_or(f64::INFINITY, |hit| f64::from(hit.distance));
+        let slack = 1e-4 * (1.0 + outer.min(1e30));
+        assert!(t >= outer - slack && (t <= inner + slack || t == inner), "{t}, not {outer}..{inner}");
+        if let Some(hit) = hit {
+            hits += 1;
+            assert_eq!(hit.instance, instance as u32);
+            let from = Some((hit.instance, hit.primitive));
+            let again = bvh.intersect_within(&Ray { from, ..ray }, instance as u32);
+            assert_ne!(again.map(|hit| hit.primitive), Some(hit.primitive));
+        }
+    }
+    assert!(hits > 500, "{hits}");
 }

@@ -7,7 +7,8 @@ use glam::Vec3;
 
 use super::{
     Ray,
-    tree::{BvhLanes, BvhNode, Child, ChildKind, Tree, TriangleBlock, WIDTH},
+    strands::{StrandBlock, StrandHit, StrandRay},
+    tree::{BvhLanes, BvhNode, Child, ChildKind, PlacedKind, Tree, TriangleBlock, WIDTH},
 };
 
 /// Entries on the stack of traversal; deeper trees are walked with one on the heap.
@@ -45,12 +46,14 @@ pub(super) struct BlockHits {
     pub v: BvhLanes,
 }
 
-/// Tests of one ray against eight boxes or triangles.
+/// Tests of one ray against eight boxes, triangles or strands.
 pub(super) trait TraversalKernel: Copy {
     /// Spreads a ray over the lanes.
     fn new(ray: &LocalRay) -> Self;
     /// Bit per child whose box the ray is inside of within `t_min..=t_max`, and where it enters.
     fn enter(&self, ray: &LocalRay, node: &BvhNode, t_min: f32, t_max: f32) -> (u32, BvhLanes);
+    /// Bit per strand that the ray may meet before `z_max`.
+    fn near_strands(block: &StrandBlock, ray: &StrandRay, z_max: f32) -> u32;
     /// Triangles hit with `t_min < t < t_max`.
     fn hit(&self, block: &TriangleBlock, t_min: f32, t_max: f32) -> BlockHits;
 }
@@ -73,7 +76,7 @@ pub(super) struct NearestHit {
     pub u: f32,
     pub v: f32,
     pub id: u32,
-    /// Index into [`Tree::blocks`].
+    /// Index into [`Tree::blocks`], or that of strands or spheres.
     pub block: u32,
     pub lane: u32,
     /// Index into [`Tree::placements`]; `u32::MAX` in the world.
@@ -86,14 +89,17 @@ fn entry(t: f32, child: Child) -> u64 {
     u64::from(t.to_bits()) << 32 | u64::from(child.0)
 }
 
-/// Nearest hit, or the first one met if `ANY`. `accept(placement, id)` says whether a triangle counts.
+/// Nearest hit below `root`, or the first one met if `ANY`. `accept(placement, id)` says whether a triangle or sphere
+/// counts; `source(placement)` is the number of the primitive that the ray leaves, `u32::MAX` if it is elsewhere.
 #[inline(always)]
 pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
     tree: &Tree,
     ray: &Ray,
+    root: Option<Child>,
     stack: &mut [MaybeUninit<u64>],
     accept: impl Fn(u32, u32) -> bool,
     enter_placement: impl Fn(u32) -> bool,
+    source: impl Fn(u32) -> u32,
 ) -> Option<NearestHit> {
     let (nodes, blocks): (&[BvhNode], &[TriangleBlock]) = (&tree.nodes, &tree.blocks);
     let world = LocalRay::new(ray.origin, ray.direction);
@@ -102,8 +108,10 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
     let mut found =
         NearestHit { t: ray.t_max, u: 0.0, v: 0.0, id: u32::MAX, block: 0, lane: 0, placement: u32::MAX };
     let mut placement = u32::MAX;
+    // Only strands need it.
+    let mut strand_ray: Option<StrandRay> = None;
     let mut top = 0;
-    let mut current = tree.root?;
+    let mut current = root?;
     loop {
         match current.kind() {
             ChildKind::Node(index) => {
@@ -141,6 +149,7 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
                         target.object_from_world.transform_vector3(ray.direction),
                     );
                     kernel = K::new(&local);
+                    strand_ray = None;
                     placement = index as u32;
                     current = target.root;
                     continue;
@@ -148,6 +157,40 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
             }
             ChildKind::Leave => {
                 (local, kernel, placement) = (world, world_kernel, u32::MAX);
+            }
+            ChildKind::Strands(index) => {
+                let strand_ray = strand_ray.get_or_insert_with(|| StrandRay::new(&local));
+                let block = &tree.strand_blocks[index];
+                let mask = K::near_strands(block, strand_ray, found.t * strand_ray.length);
+                if mask != 0
+                    && let PlacedKind::Strands(set) = tree.placements[placement as usize].kind
+                    && let Some(hit) = tree.strand_sets[set as usize].hit(
+                        block,
+                        mask,
+                        strand_ray,
+                        (ray.t_min, found.t),
+                        source(placement),
+                    )
+                {
+                    let StrandHit { t, u, v, key: id } = hit;
+                    found = NearestHit { t, u, v, id, block: index as u32, lane: 0, placement };
+                    if ANY {
+                        return Some(found);
+                    }
+                }
+            }
+            ChildKind::Spheres(index) => {
+                let block = &tree.sphere_blocks[index];
+                let entries = block.enter(&local);
+                for (lane, &t) in entries.0.iter().enumerate() {
+                    if t > ray.t_min && t < found.t && accept(placement, block.ids[lane]) {
+                        let (id, lane) = (block.ids[lane], lane as u32);
+                        found = NearestHit { t, u: 0.0, v: 0.0, id, block: index as u32, lane, placement };
+                        if ANY {
+                            return Some(found);
+                        }
+                    }
+                }
             }
         }
         // The next entry that is still in reach.

@@ -4,7 +4,11 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec3};
 
-use super::storage::Storage;
+use super::{
+    spheres::SphereBlock,
+    storage::Storage,
+    strands::{StrandBlock, StrandSet},
+};
 
 /// Children of a node and triangles of a block.
 pub(super) const WIDTH: usize = 8;
@@ -14,13 +18,17 @@ pub(super) const WIDTH: usize = 8;
 #[repr(C, align(32))]
 pub(super) struct BvhLanes(pub [f32; WIDTH]);
 
-/// Reference in a slot of a node or an entry of the traversal stack: two bits of kind, thirty of index.
+/// Reference in a slot of a node or an entry of the traversal stack: two bits of kind, thirty of index; the last kind
+/// has two bits more of kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub(super) struct Child(pub u32);
 
 /// Largest index that a [`Child`] holds.
 pub(super) const INDEX_LIMIT: usize = 1 << 30;
+
+/// Number of blocks of strands or spheres that a [`Child`] can tell apart.
+pub(super) const SMALL_INDEX_LIMIT: usize = 1 << 28;
 
 /// A decoded [`Child`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +41,10 @@ pub(super) enum ChildKind {
     Placement(usize),
     /// Back from an instance to the world; only on the stack.
     Leave,
+    /// Index into [`Tree::strand_blocks`].
+    Strands(usize),
+    /// Index into [`Tree::sphere_blocks`].
+    Spheres(usize),
 }
 
 impl Child {
@@ -47,6 +59,14 @@ impl Child {
         Self(index as u32 | 1 << 30)
     }
 
+    pub fn strands(index: usize) -> Self {
+        Self(index as u32 | 3 << 30 | 1 << 28)
+    }
+
+    pub fn spheres(index: usize) -> Self {
+        Self(index as u32 | 3 << 30 | 2 << 28)
+    }
+
     pub fn placement(index: usize) -> Self {
         Self(index as u32 | 2 << 30)
     }
@@ -58,7 +78,14 @@ impl Child {
             0 => ChildKind::Node(index),
             1 => ChildKind::Block(index),
             2 => ChildKind::Placement(index),
-            _ => ChildKind::Leave,
+            _ => {
+                let small = index & (SMALL_INDEX_LIMIT - 1);
+                match self.0 >> 28 & 3 {
+                    0 => ChildKind::Leave,
+                    1 => ChildKind::Strands(small),
+                    _ => ChildKind::Spheres(small),
+                }
+            }
         }
     }
 }
@@ -127,14 +154,25 @@ impl TriangleBlock {
     }
 }
 
-/// A mesh that stands in the world by reference, because several instances share it.
+/// Geometry that stands in the world by reference: meshes that several instances share, strands and points, whose
+/// radii have a meaning in object space alone.
 #[derive(Clone, Debug)]
-pub(super) struct MeshPlacement {
+pub(super) struct Placement {
     pub object_from_world: Affine3A,
-    /// Root of the mesh's own tree.
+    /// Root of the geometry's own tree.
     pub root: Child,
+    pub kind: PlacedKind,
     /// Index into [`relume_scene::Scene::instances`].
     pub instance: u32,
+}
+
+/// Kind of the geometry of a [`Placement`].
+#[derive(Clone, Copy, Debug)]
+pub(super) enum PlacedKind {
+    Mesh,
+    /// Index into [`Tree::strand_sets`].
+    Strands(u32),
+    Points,
 }
 
 /// Trees while they are built.
@@ -142,15 +180,21 @@ pub(super) struct MeshPlacement {
 pub(super) struct Growing {
     pub nodes: Vec<BvhNode>,
     pub blocks: Vec<TriangleBlock>,
-    pub placements: Vec<MeshPlacement>,
+    pub strand_blocks: Vec<StrandBlock>,
+    pub strand_sets: Vec<StrandSet>,
+    pub sphere_blocks: Vec<SphereBlock>,
+    pub placements: Vec<Placement>,
 }
 
-/// All trees of a scene in one pool: the world's, and one for each mesh that is used more than once.
+/// All trees of a scene in one pool: the world's, and one for each geometry that is placed.
 #[derive(Debug, Default)]
 pub(super) struct Tree {
     pub nodes: Storage<BvhNode>,
     pub blocks: Storage<TriangleBlock>,
-    pub placements: Vec<MeshPlacement>,
+    pub strand_blocks: Storage<StrandBlock>,
+    pub strand_sets: Vec<StrandSet>,
+    pub sphere_blocks: Storage<SphereBlock>,
+    pub placements: Vec<Placement>,
     /// Root of the world's tree; none if there is nothing to hit.
     pub root: Option<Child>,
     /// Number of the first triangle of each instance whose triangles are in the world's tree.
@@ -159,4 +203,19 @@ pub(super) struct Tree {
     pub instance_of: Vec<u32>,
     /// Most entries that traversal pushes on its stack.
     pub stack_depth: usize,
+}
+
+impl Tree {
+    /// Memory that it takes.
+    pub fn bytes(&self) -> usize {
+        let sets: usize = self.strand_sets.iter().map(StrandSet::bytes).sum();
+        size_of_val(&*self.nodes)
+            + size_of_val(&*self.blocks)
+            + size_of_val(&*self.strand_blocks)
+            + size_of_val(&*self.sphere_blocks)
+            + size_of_val(&*self.placements)
+            + size_of_val(&*self.first_ids)
+            + size_of_val(&*self.instance_of)
+            + sets
+    }
 }

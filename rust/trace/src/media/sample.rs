@@ -62,9 +62,12 @@ impl MediumSample {
         self.extinction += usable(absorption);
     }
 
-    /// Adds what glows.
+    /// Adds what glows. Black bodies that are cold have a little less than no blue.
     pub fn add_emission(&mut self, emission: Vec3) {
-        self.emission = (self.emission + usable(emission)).min(Vec3::splat(MOST_RADIANCE));
+        if emission.is_finite() {
+            let most = Vec3::splat(MOST_RADIANCE);
+            self.emission = (self.emission + emission).clamp(-most, most);
+        }
     }
 
     /// Adds another medium in the same place.
@@ -164,7 +167,7 @@ mod tests {
         let mut sample = MediumSample::default();
         sample.add_scattering(Vec3::new(f32::NAN, 1.0, 1.0), [(1.0, Phase::Rayleigh)]);
         sample.add_absorption(Vec3::new(-1.0, 0.0, f32::INFINITY));
-        sample.add_emission(Vec3::splat(-1.0));
+        sample.add_emission(Vec3::splat(f32::NAN));
         assert_eq!((sample.extinction, sample.emission), (Vec3::ZERO, Vec3::ZERO));
         assert_eq!(sample.grey_extinction(), Some(0.0));
     }

@@ -7,7 +7,9 @@ use relume_scene::{Distribution, Node, NodeId};
 
 use super::evaluate::{Known, ShadingContext};
 use super::graph::Aid;
+use super::hair;
 use super::principled::{self, Parameters};
+use super::subsurface::{self, BodyParameters};
 use super::values::NodeInputs;
 use crate::bsdf::{
     AshikhminShirley, Compensation, Fresnel, Interface, Microfacet, MicrofacetDistribution, OrenNayar,
@@ -52,6 +54,8 @@ pub fn shade(
                 }
             }
         },
+        Node::PrincipledHair(hair) => hair::add_principled(hair, context, &known, weight, surface),
+        lobe @ Node::HairBsdf { .. } => hair::add_lobe(lobe, context, &known, weight, surface),
         simple => add_simple(context, simple, weight, &known, surface),
     }
 }
@@ -119,6 +123,16 @@ fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known,
         Node::Translucent { color, normal } => {
             let normal = context.specular_normal(known.normal(normal));
             surface.add(known.vector(color) * weight, Vec3::ONE, normal, Scatter::Translucent);
+        }
+        Node::SubsurfaceScattering { color, roughness, normal, subsurface } => {
+            let color = known.vector(color);
+            let body = BodyParameters::read(subsurface, known);
+            let boundary = subsurface::Boundary {
+                normal: context.specular_normal(known.normal(normal)),
+                alpha: known.float(roughness).clamp(0.0, 1.0),
+                ior: body.ior,
+            };
+            subsurface::add(&body, color * weight, color, &boundary, point, surface);
         }
         Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
         Node::Emission { color, strength } => {
@@ -213,7 +227,7 @@ pub fn turned(tangent: Vec3, normal: Vec3, turns: f32) -> Vec3 {
 impl ShadingContext<'_> {
     /// A normal for closures that reflect: bent so that the mirror direction is above the surface.
     pub fn specular_normal(&self, normal: Vec3) -> Vec3 {
-        let geometric = self.point.geometric_normal;
+        let geometric = self.point.horizon_normal();
         if normal == geometric { normal } else { ensure_valid_reflection(geometric, self.point.wo, normal) }
     }
 }

@@ -3,9 +3,9 @@
 use glam::{Mat3, Vec2, Vec3};
 use relume_scene::{MappingKind, Projection, TexCoord};
 
-use super::SurfacePoint;
 use super::evaluate::ShadingContext;
 use super::math::safe_divide_vector;
+use super::{SurfacePoint, strands};
 
 /// The outputs of the Texture Coordinate node.
 pub fn coordinate(context: &ShadingContext, kind: TexCoord) -> Vec3 {
@@ -25,10 +25,14 @@ pub fn coordinate(context: &ShadingContext, kind: TexCoord) -> Vec3 {
     }
 }
 
-/// Position in 0..1 of the mesh's bounding box; the middle along flat directions.
+/// Position in 0..1 of the mesh's bounding box; the middle along flat directions. Of strands where their root is, if
+/// that is known; in object space of all else.
 pub fn generated(context: &ShadingContext) -> Vec3 {
-    let (min, size) = context.prepared.bounds(context.point.geometry);
+    if let Some(root) = strands::generated(context) {
+        return root;
+    }
     let position = context.prepared.object_position(context.point.instance, context.point.position);
+    let Some((min, size)) = context.prepared.bounds(context.point.geometry) else { return position };
     let relative = position - min;
     Vec3::select(size.cmpgt(Vec3::ZERO), relative / size, Vec3::splat(0.5))
 }
@@ -62,11 +66,16 @@ pub fn footprint_axes(normal: Vec3) -> (Vec3, Vec3) {
     (x, normal.cross(x))
 }
 
-/// The point moved by a vector in the plane of its triangle.
+/// The point moved by a vector in the plane of its triangle, or along its strand.
 pub fn shifted(context: &ShadingContext, offset: Vec3) -> SurfacePoint {
     let point = context.point;
     let Some(mesh) = context.mesh() else {
-        return SurfacePoint { position: point.position + offset, ..*point };
+        let [u, v] = point.barycentrics;
+        let along = point.strand.map_or(0.0, |strand| {
+            offset.dot(strand.tangent) / strand.tangent.length_squared().max(f32::MIN_POSITIVE)
+        });
+        let barycentrics = [(u + along).clamp(0.0, 1.0), v];
+        return SurfacePoint { position: point.position + offset, barycentrics, ..*point };
     };
     let matrix = context.instance().world_from_object.matrix3;
     let [a, b, c] = mesh.triangles[point.primitive as usize].map(|vertex| mesh.positions[vertex as usize]);

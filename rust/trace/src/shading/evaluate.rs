@@ -7,7 +7,7 @@ use super::coordinates;
 use super::graph::{Aid, Graph, rotation};
 use super::prepared::NamedAttribute;
 use super::values::{NodeInputs, evaluate_pure};
-use super::{PreparedMaterials, SurfacePoint, procedural};
+use super::{PointInfo, PreparedMaterials, StrandInfo, SurfacePoint, procedural, strands};
 use crate::bsdf;
 
 /// Point at which a graph is evaluated.
@@ -31,6 +31,10 @@ impl NodeInputs for Known<'_, '_> {
     fn link(&self, node: NodeId, output: Output) -> Vec4 {
         let (context, point) = (self.context, self.context.point);
         let instance = context.instance();
+        let of_strand =
+            |fact: fn(StrandInfo) -> f32| Vec4::splat(point.strand_info(context.scene).map_or(0.0, fact));
+        let of_point =
+            |fact: fn(PointInfo) -> f32| Vec4::splat(point.point_info(context.scene).map_or(0.0, fact));
         match output {
             Output::Position => point.position.extend(1.0),
             Output::TrueNormal => point.geometric_normal.extend(1.0),
@@ -40,6 +44,17 @@ impl NodeInputs for Known<'_, '_> {
             Output::Location => Vec3::from(instance.world_from_object.translation).extend(1.0),
             Output::ObjectIndex => Vec4::splat(instance.pass_index as f32),
             Output::Random => Vec4::splat(instance.random),
+            Output::IsStrand => Vec4::splat(f32::from(point.strand.is_some())),
+            Output::Intercept => of_strand(|strand| strand.intercept),
+            Output::Length => of_strand(|strand| strand.length),
+            Output::Thickness => of_strand(|strand| strand.thickness),
+            Output::StrandRandom => Vec4::splat(point.strand_random(context.scene).unwrap_or_default()),
+            Output::TangentNormal => context.tangent_normal().extend(1.0),
+            Output::PointPosition => {
+                point.point_info(context.scene).map_or(Vec3::ZERO, |info| info.position).extend(1.0)
+            }
+            Output::PointRadius => of_point(|info| info.radius),
+            Output::PointRandom => of_point(|info| info.random),
             _ => self.values[node as usize],
         }
     }
@@ -160,7 +175,7 @@ impl<'a> ShadingContext<'a> {
     }
 
     fn interpolate_uv(&self, map: usize) -> Vec2 {
-        let Some(mesh) = self.mesh() else { return Vec2::ZERO };
+        let Some(mesh) = self.mesh() else { return strands::uv(self, map) };
         let coords = &mesh.uv_maps[map].coords;
         self.interpolate(|corner| coords[corner])
     }
@@ -171,10 +186,14 @@ impl<'a> ShadingContext<'a> {
             return self.field(name);
         }
         Some(match self.prepared.attribute(self.point.geometry, name)? {
-            NamedAttribute::Color(map) => {
-                let colors = &self.mesh()?.color_attributes[map].colors;
-                self.interpolate(|corner| Vec4::from(colors[corner]))
-            }
+            NamedAttribute::Color(map) => match self.mesh() {
+                Some(mesh) => {
+                    let colors = &mesh.color_attributes[map].colors;
+                    self.interpolate(|corner| Vec4::from(colors[corner]))
+                }
+                None => strands::color(self, map)?,
+            },
+            NamedAttribute::Curve(map) => strands::curve_color(self, map)?,
             NamedAttribute::Uv(map) => self.interpolate_uv(map).extend(0.0).extend(1.0),
         })
     }
@@ -206,8 +225,12 @@ impl<'a> ShadingContext<'a> {
         at_corner(corner) * (1.0 - u - v) + at_corner(corner + 1) * u + at_corner(corner + 2) * v
     }
 
-    /// World-space tangent about the z axis of the object's bounding box, as Blender has it without a UV map.
+    /// World-space tangent: along a strand, else about the z axis of the object's bounding box, as Blender has it without a
+    /// UV map.
     fn tangent(&self) -> Vec3 {
+        if let Some(strand) = &self.point.strand {
+            return strand.tangent.normalize_or_zero();
+        }
         let generated = coordinates::generated(self);
         let about_z = Vec3::new(0.5 - generated.y, generated.x - 0.5, 0.0);
         let normal = self.point.shading_normal;

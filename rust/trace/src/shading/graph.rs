@@ -25,6 +25,8 @@ pub struct Graph {
     pub needs: Vec<Vec<NodeId>>,
     /// Parts of a node that can be computed beforehand.
     pub aids: Vec<Aid>,
+    /// True if light that leaves a body does so by another normal than the mesh's.
+    pub bends_exits: bool,
 }
 
 /// Precomputed part of a node.
@@ -74,10 +76,21 @@ impl Graph {
         let mut nodes = material.nodes.clone();
         cut_forward_links(&mut nodes, &material.name, &mut warnings);
         fold_constants(&mut nodes);
+        let bends_exits = nodes.iter().any(|node| match node {
+            Node::Principled { subsurface, normal, .. } => subsurface.is_some() && normal.is_some(),
+            Node::SubsurfaceScattering { normal, .. } => normal.is_some(),
+            _ => false,
+        });
         let [surface, volume] = [material.surface, material.volume]
             .map(|root| root.filter(|root| (*root as usize) < nodes.len()));
-        let mut graph =
-            Self { surface, volume, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), nodes };
+        let mut graph = Self {
+            surface,
+            volume,
+            needs: vec![Vec::new(); nodes.len()],
+            aids: Vec::new(),
+            bends_exits,
+            nodes,
+        };
         let mut too_many = |part: &str| {
             let words = format!("more than {MAX_CLOSURE_VISITS} shaders are mixed; its {part} is left out");
             warnings.push(format!("material '{}': {words}", material.name));

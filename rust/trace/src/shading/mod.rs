@@ -10,11 +10,14 @@ mod coordinates;
 mod evaluate;
 mod fields;
 mod graph;
+mod hair;
 mod math;
 mod point;
 mod prepared;
 mod principled;
 mod procedural;
+mod strands;
+mod subsurface;
 mod tangents;
 #[cfg(test)]
 mod tests;
@@ -22,8 +25,10 @@ mod texture;
 mod values;
 mod volumes;
 
+pub(crate) use color::luminance;
 pub use constant::constant_emission;
 pub(crate) use point::MediumPoint;
-pub use point::{Hit, SurfacePoint};
+pub use point::{Hit, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;
+pub use strands::{PointInfo, StrandInfo};
 pub(crate) use texture::equirectangular;

@@ -1,18 +1,21 @@
-use glam::Vec3;
-use relume_scene::{Geometry, Scene};
+use glam::{Mat3A, Vec3};
+use relume_scene::{Curves, Geometry, Scene, StrandShape};
+
+use crate::strand::Span;
 
 /// Intersection of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Index into [`relume_scene::Scene::instances`].
     pub instance: u32,
-    /// Triangle of the instance's mesh.
+    /// Triangle of the instance's mesh, first key of the span of its curves, or point.
     pub primitive: u32,
-    /// Weights of the triangle's second and third corner.
+    /// Weights of the triangle's second and third corner. Of a strand, the place along the span, 0..1, and across a
+    /// ribbon, -1..1.
     pub barycentrics: [f32; 2],
     /// Distance along the unit ray direction, metres.
     pub distance: f32,
-    /// Normal of the triangle's front in world space, of any length.
+    /// Normal of the front in world space, of any length. Ribbons face the ray.
     pub front: Vec3,
 }
 
@@ -52,11 +55,13 @@ impl MediumPoint {
             wo: self.wo,
             backfacing: false,
             instance: self.instance,
-            geometry: instance.map_or(scene.meshes.len().into(), |instance| instance.geometry),
+            geometry: instance.map_or(Geometry::Mesh(scene.meshes.len()), |instance| instance.geometry),
             primitive: SurfacePoint::NO_PRIMITIVE,
             barycentrics: [0.0; 2],
             ray_length: 0.0,
             footprint: 0.0,
+            strand: None,
+            is_seen: false,
         }
     }
 }
@@ -76,7 +81,7 @@ impl SurfacePoint {
 pub struct SurfacePoint {
     /// Position of the hit.
     pub position: Vec3,
-    /// Unit normal of the triangle, on the side of `wo`.
+    /// Unit normal of the surface itself, on the side of `wo`.
     pub geometric_normal: Vec3,
     /// Interpolated unit normal, flipped together with `geometric_normal`.
     pub shading_normal: Vec3,
@@ -96,4 +101,41 @@ pub struct SurfacePoint {
     pub ray_length: f32,
     /// Radius of the ray's footprint on the surface, metres (Cycles' compact differential `dP`).
     pub footprint: f32,
+    /// Place on a strand; nothing on other geometry.
+    pub strand: Option<StrandPoint>,
+    /// True if a ray of the camera met it, through transparent surfaces or none.
+    pub is_seen: bool,
+}
+
+impl SurfacePoint {
+    /// Unit normal of the horizon that reflection stays above. Strands have no other than their shading normal, as in
+    /// Cycles: the flat side of a ribbon is an image of a round hair.
+    pub fn horizon_normal(&self) -> Vec3 {
+        if self.strand.is_some() { self.shading_normal } else { self.geometric_normal }
+    }
+}
+
+/// Place on a strand.
+#[derive(Clone, Copy, Debug)]
+pub struct StrandPoint {
+    /// Derivative of the axis by the place along the span, world space (Cycles' `dPdu`).
+    pub tangent: Vec3,
+    /// Radius, object space, metres.
+    pub radius: f32,
+    /// Object-space shading normal of a ribbon, of any length; nothing on round strands.
+    pub(super) ribbon_normal: Option<Vec3>,
+}
+
+impl StrandPoint {
+    /// The place of a hit; `direction` is the ray's in object space. A ribbon is shaded as the cylinder that it stands for.
+    pub(super) fn new(curves: &Curves, hit: &Hit, world_from_object: Mat3A, direction: Vec3) -> Self {
+        let span = Span::new(curves.span(hit.primitive as usize), curves.shape);
+        let [u, v] = hit.barycentrics;
+        let tangent = span.tangent(u);
+        let ribbon_normal = matches!(curves.shape, StrandShape::Ribbon { .. }).then(|| {
+            let across = tangent.cross(-direction).normalize_or_zero();
+            across * v - tangent.cross(across).normalize_or_zero() * (1.0 - v * v).max(0.0).sqrt()
+        });
+        Self { tangent: world_from_object * tangent, radius: span.at(u).w, ribbon_normal }
+    }
 }

@@ -1,5 +1,7 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec4};
-use relume_scene::{Extension, Geometry, Grid, Instance, Interpolation, Mesh, Scene};
+use relume_scene::{
+    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Scene, UvMap,
+};
 
 use super::closures::shade;
 use super::evaluate::ShadingContext;
@@ -8,7 +10,7 @@ use super::graph::{Graph, Names};
 use super::tangents::{corner_tangents, spherical_coords};
 use super::texture::{PreparedTexture, equirectangular};
 use super::volumes::shade_medium;
-use super::{Hit, MediumPoint, SurfacePoint};
+use super::{Hit, MediumPoint, StrandPoint, SurfacePoint};
 use crate::bsdf::{Scatter, Surface};
 use crate::media::MediumSample;
 
@@ -19,15 +21,17 @@ pub struct PreparedMaterials {
     pub(super) textures: Vec<PreparedTexture>,
     transforms: Vec<Transforms>,
     /// Those of all meshes, and of the nothing that the world's medium is in.
-    meshes: Vec<PreparedGeometry>,
+    meshes: Vec<PreparedMesh>,
+    curves: Vec<Attributes>,
+    points: Vec<Attributes>,
     /// Object of the world's medium.
     pub(super) space: Instance,
     fields: PreparedFields,
 }
 
-/// Everything about one geometry that does not depend on the hit.
+/// Everything about one mesh that does not depend on the hit.
 #[derive(Debug)]
-struct PreparedGeometry {
+struct PreparedMesh {
     /// Lower corner and size of the box of generated coordinates.
     bounds: (Vec3, Vec3),
     attributes: Attributes,
@@ -55,8 +59,10 @@ struct Attributes {
 /// Place of an attribute of some name in a geometry.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum NamedAttribute {
-    /// Index of a colour attribute.
+    /// Index of a colour attribute, with a value a corner, key or point.
     Color(usize),
+    /// Index of an attribute with a value a curve.
+    Curve(usize),
     /// Index of a UV map.
     Uv(usize),
 }
@@ -92,12 +98,11 @@ impl PreparedMaterials {
                     object_from_world_normal: instance.world_from_object.matrix3.transpose(),
                 })
                 .collect(),
-            meshes: scene
-                .meshes
-                .iter()
-                .chain([&nothing])
-                .map(|mesh| PreparedGeometry::of_mesh(mesh, &names))
+            meshes: (scene.meshes.iter().chain([&nothing]))
+                .map(|mesh| PreparedMesh::new(mesh, &names))
                 .collect(),
+            curves: scene.curves.iter().map(|curves| attributes_of_curves(curves, &names)).collect(),
+            points: scene.points.iter().map(|points| attributes_of_points(points, &names)).collect(),
             space,
             fields: PreparedFields::new(scene, &names.attributes),
         };
@@ -116,8 +121,15 @@ impl PreparedMaterials {
     ) -> SurfacePoint {
         let instance = &scene.instances[hit.instance as usize];
         let front = hit.front.normalize_or(-direction);
-        let smooth = match scene.mesh(instance.geometry) {
-            Some(mesh) if !mesh.corner_normals.is_empty() => {
+        let strand = scene.curves(instance.geometry).map(|curves| {
+            let matrix = instance.world_from_object.matrix3;
+            StrandPoint::new(curves, hit, matrix, self.object_direction(hit.instance, direction))
+        });
+        let smooth = match (scene.mesh(instance.geometry), &strand) {
+            (_, Some(strand)) => {
+                strand.ribbon_normal.map_or(front, |normal| self.world_normal(hit.instance, normal))
+            }
+            (Some(mesh), _) if !mesh.corner_normals.is_empty() => {
                 let corner = 3 * hit.primitive as usize;
                 let [u, v] = hit.barycentrics;
                 let interpolated = mesh.corner_normals[corner] * (1.0 - u - v)
@@ -142,6 +154,8 @@ impl PreparedMaterials {
             barycentrics: hit.barycentrics,
             ray_length: hit.distance,
             footprint,
+            strand,
+            is_seen: false,
         }
     }
 
@@ -163,6 +177,17 @@ impl PreparedMaterials {
             shade(&context, root, 1.0, own, scratch, surface);
             surface.give_values(values);
         }
+    }
+
+    /// Normal by which light leaves a body at `point`: that of its shader. What is in `surface` is of no meaning after.
+    pub(crate) fn exit_normal(&self, scene: &Scene, point: &SurfacePoint, surface: &mut Surface) -> Vec3 {
+        let instance = &scene.instances[point.instance as usize];
+        let material = instance.material_of(scene, point.primitive as usize);
+        if !material.is_some_and(|material| self.graphs[material].bends_exits) {
+            return point.shading_normal;
+        }
+        self.evaluate(scene, point, surface);
+        surface.body_normal().unwrap_or(point.shading_normal)
     }
 
     /// Adds to `medium` what the volume of a material is at a point within it; what it would be if grids had the values that are
@@ -222,29 +247,33 @@ impl PreparedMaterials {
         self.textures[texture].sample(image, uv, Interpolation::Closest, Extension::Repeat, false).truncate()
     }
 
-    fn geometry(&self, geometry: Geometry) -> &PreparedGeometry {
-        let Geometry::Mesh(index) = geometry;
-        &self.meshes[index]
+    fn attributes(&self, geometry: Geometry) -> &Attributes {
+        match geometry {
+            Geometry::Mesh(index) => &self.meshes[index].attributes,
+            Geometry::Curves(index) => &self.curves[index],
+            Geometry::Points(index) => &self.points[index],
+        }
     }
 
-    /// Lower corner and size of the box of a geometry's generated coordinates.
-    pub(super) fn bounds(&self, geometry: Geometry) -> (Vec3, Vec3) {
-        self.geometry(geometry).bounds
+    /// Lower corner and size of the box of a mesh's generated coordinates; nothing for other geometry.
+    pub(super) fn bounds(&self, geometry: Geometry) -> Option<(Vec3, Vec3)> {
+        let Geometry::Mesh(index) = geometry else { return None };
+        Some(self.meshes[index].bounds)
     }
 
     /// Index of the UV map with this name number in a geometry.
     pub(super) fn uv_map(&self, geometry: Geometry, name: usize) -> Option<usize> {
-        self.geometry(geometry).attributes.uv_maps[name]
+        self.attributes(geometry).uv_maps[name]
     }
 
     /// The attribute with this name number in a geometry.
     pub(super) fn attribute(&self, geometry: Geometry, name: usize) -> Option<NamedAttribute> {
-        self.geometry(geometry).attributes.named[name]
+        self.attributes(geometry).named[name]
     }
 
     /// Corner tangents of the UV map with this name number.
     pub(super) fn tangents(&self, geometry: Geometry, name: usize) -> Option<&[Vec4]> {
-        self.geometry(geometry).attributes.tangents[name].as_deref()
+        self.attributes(geometry).tangents[name].as_deref()
     }
 
     /// Corners and their unit shading normals of the triangle that `point` is on, in world space; nothing if its mesh is
@@ -263,6 +292,10 @@ impl PreparedMaterials {
         Some((corners, normals.map(|normal| self.world_normal(point.instance, normal))))
     }
 
+    fn object_direction(&self, instance: u32, world: Vec3) -> Vec3 {
+        self.transforms[instance as usize].object_from_world.transform_vector3(world)
+    }
+
     pub(super) fn object_position(&self, instance: u32, world: Vec3) -> Vec3 {
         self.transforms[instance as usize].object_from_world.transform_point3(world)
     }
@@ -278,8 +311,8 @@ impl PreparedMaterials {
     }
 }
 
-impl PreparedGeometry {
-    fn of_mesh(mesh: &Mesh, names: &Names) -> Self {
+impl PreparedMesh {
+    fn new(mesh: &Mesh, names: &Names) -> Self {
         Self { bounds: bounds(mesh), attributes: find_attributes(mesh, names) }
     }
 }
@@ -294,14 +327,49 @@ fn bounds(mesh: &Mesh) -> (Vec3, Vec3) {
     (center - half, Vec3::select(in_middle, Vec3::ZERO, half * 2.0))
 }
 
-/// Finds named attributes; the empty name is the first one.
+/// Number of the UV map of each name; the empty name is the first one.
+fn find_uv_maps(maps: &[UvMap], names: &Names) -> Vec<Option<usize>> {
+    names.uv_maps.iter().map(|name| find(name, maps.iter().map(|map| &map.name))).collect()
+}
+
+fn find<'a>(name: &str, known: impl Iterator<Item = &'a String>) -> Option<usize> {
+    let mut known = known.peekable();
+    if name.is_empty() { known.peek().map(|_| 0) } else { known.position(|other| other.as_str() == name) }
+}
+
+fn find_color(name: &str, attributes: &[ColorAttribute]) -> Option<usize> {
+    find(name, attributes.iter().map(|attribute| &attribute.name))
+}
+
+fn find_named_uv(name: &str, maps: &[UvMap]) -> Option<NamedAttribute> {
+    maps.iter().position(|map| map.name == *name).map(NamedAttribute::Uv)
+}
+
+/// Finds the attributes of curves; UV maps of strands have no tangents.
+fn attributes_of_curves(curves: &Curves, names: &Names) -> Attributes {
+    let named = names.attributes.iter().map(|name| {
+        find_color(name, &curves.key_attributes)
+            .map(NamedAttribute::Color)
+            .or_else(|| find_color(name, &curves.curve_attributes).map(NamedAttribute::Curve))
+            .or_else(|| find_named_uv(name, &curves.uv_maps))
+    });
+    let tangents = vec![None; names.uv_maps.len()];
+    Attributes { uv_maps: find_uv_maps(&curves.uv_maps, names), tangents, named: named.collect() }
+}
+
+fn attributes_of_points(points: &Points, names: &Names) -> Attributes {
+    let named = names.attributes.iter().map(|name| {
+        find_color(name, &points.attributes)
+            .map(NamedAttribute::Color)
+            .or_else(|| find_named_uv(name, &points.uv_maps))
+    });
+    let tangents = vec![None; names.uv_maps.len()];
+    Attributes { uv_maps: find_uv_maps(&points.uv_maps, names), tangents, named: named.collect() }
+}
+
+/// Finds named attributes of a mesh.
 fn find_attributes(mesh: &Mesh, names: &Names) -> Attributes {
-    let find = |name: &String, known: &mut dyn Iterator<Item = &String>| {
-        let mut known = known.peekable();
-        if name.is_empty() { known.peek().map(|_| 0) } else { known.position(|other| other == name) }
-    };
-    let uv_maps: Vec<_> =
-        names.uv_maps.iter().map(|name| find(name, &mut mesh.uv_maps.iter().map(|map| &map.name))).collect();
+    let uv_maps = find_uv_maps(&mesh.uv_maps, names);
     let tangents = (0..uv_maps.len())
         .map(|number| {
             if !names.tangents.contains(&number) {
@@ -318,11 +386,10 @@ fn find_attributes(mesh: &Mesh, names: &Names) -> Attributes {
             }
         })
         .collect();
-    let colors = |name| find(name, &mut mesh.color_attributes.iter().map(|attribute| &attribute.name));
-    let uvs = |name: &String| mesh.uv_maps.iter().position(|map| map.name == *name);
-    let named = names.attributes.iter();
-    let named =
-        named.map(|name| colors(name).map(NamedAttribute::Color).or(uvs(name).map(NamedAttribute::Uv)));
+    let named = names.attributes.iter().map(|name| {
+        let color = find_color(name, &mesh.color_attributes).map(NamedAttribute::Color);
+        color.or_else(|| find_named_uv(name, &mesh.uv_maps))
+    });
     Attributes { uv_maps, tangents, named: named.collect() }
 }
 

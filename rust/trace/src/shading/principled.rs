@@ -6,6 +6,7 @@ use relume_scene::{Distribution, Node};
 
 use super::closures::{add_microfacet, diffuse, turned};
 use super::evaluate::{Known, ShadingContext};
+use super::subsurface::{self, BodyParameters, Boundary};
 use super::values::NodeInputs;
 use crate::bsdf::{
     F82, Fresnel, Interface, Microfacet, MicrofacetDistribution, Scatter, ShadingFrame, Sheen,
@@ -22,6 +23,8 @@ pub struct Parameters {
     ior: f32,
     alpha: f32,
     subsurface_weight: f32,
+    subsurface: Option<BodyParameters>,
+    is_thin: bool,
     specular_ior_level: f32,
     specular_tint: Vec3,
     anisotropic: f32,
@@ -71,6 +74,8 @@ impl Parameters {
             alpha,
             normal: _,
             subsurface_weight,
+            subsurface,
+            thin_wall,
             specular_ior_level,
             specular_tint,
             anisotropic,
@@ -103,6 +108,8 @@ impl Parameters {
             ior: inputs.float(ior).max(1e-5),
             alpha: unit(alpha),
             subsurface_weight: unit(subsurface_weight),
+            subsurface: subsurface.as_ref().map(|subsurface| BodyParameters::read(subsurface, inputs)),
+            is_thin: thin_wall.as_ref().is_some_and(|thin_wall| inputs.float(thin_wall) != 0.0),
             specular_ior_level: positive(specular_ior_level),
             specular_tint: color(specular_tint),
             anisotropic: unit(anisotropic),
@@ -181,11 +188,42 @@ pub fn add(node: &Node, p: &Parameters, known: &Known, weight: f32, surface: &mu
     if weight.max_element() <= 0.0 {
         return;
     }
-    weight = add_specular(p, weight, normal, directions.tangent, surface);
-    // Subsurface scattering is taken for diffuse reflection of the same albedo.
-    let color = p.base_color.lerp(p.reflectance(), p.subsurface_weight);
+    let (weight, ior) = add_specular(p, weight, normal, directions.tangent, surface);
+    let mut color = p.base_color;
+    if let Some(body) = &p.subsurface
+        && p.subsurface_weight > WEIGHT_CUTOFF
+    {
+        let inside = p.reflectance() * weight * p.subsurface_weight;
+        if p.is_thin {
+            add_sheet(p, body, inside, directions.normal, context.point.wo, surface);
+        } else {
+            let boundary = Boundary { normal, alpha: p.roughness * p.roughness, ior: body.own_ior(ior) };
+            subsurface::add(body, inside, p.reflectance(), &boundary, context.point, surface);
+        }
+        color *= 1.0 - p.subsurface_weight;
+    }
     let scatter = diffuse(directions.normal, p.diffuse_roughness, p.base_color, context.point.wo);
     surface.add(color * weight, Vec3::ONE, directions.normal, scatter);
+}
+
+/// Adds subsurface scattering of a sheet without an inside: anisotropy is what goes through (OpenPBR 1.1, thin walls).
+fn add_sheet(
+    p: &Parameters,
+    body: &BodyParameters,
+    weight: Vec3,
+    normal: Vec3,
+    wo: Vec3,
+    surface: &mut Surface,
+) {
+    let reflected = (0.5 * (1.0 - body.anisotropy)).clamp(0.0, 1.0);
+    let transmitted = (0.5 * (1.0 + body.anisotropy)).clamp(0.0, 1.0);
+    let scatter = diffuse(normal, p.diffuse_roughness, p.reflectance(), wo);
+    let through = match scatter {
+        Scatter::OrenNayar(model) => Scatter::RoughTranslucent(model),
+        _ => Scatter::Translucent,
+    };
+    surface.add(weight * reflected, Vec3::ONE, normal, scatter);
+    surface.add(weight * transmitted, Vec3::ONE, normal, through);
 }
 
 fn add_sheen(p: &Parameters, directions: &Directions, weight: Vec3, surface: &mut Surface) -> Vec3 {
@@ -263,7 +301,15 @@ fn add_glass(context: &ShadingContext, p: &Parameters, weight: Vec3, normal: Vec
     add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then_some(tint));
 }
 
-fn add_specular(p: &Parameters, weight: Vec3, normal: Vec3, tangent: Vec3, surface: &mut Surface) -> Vec3 {
+/// Adds the reflection of the surface; returns the weight of what is below, and the index of refraction as adjusted by
+/// its level.
+fn add_specular(
+    p: &Parameters,
+    weight: Vec3,
+    normal: Vec3,
+    tangent: Vec3,
+    surface: &mut Surface,
+) -> (Vec3, f32) {
     let mut eta = p.ior;
     let mut f0 = f0_from_ior(eta);
     if p.specular_ior_level != 0.5 {
@@ -274,7 +320,7 @@ fn add_specular(p: &Parameters, weight: Vec3, normal: Vec3, tangent: Vec3, surfa
         }
     }
     if eta == 1.0 {
-        return weight;
+        return (weight, eta);
     }
     let f0 = (p.specular_tint * f0).clamp(Vec3::ZERO, Vec3::ONE);
     let (frame, distribution) = p.facets(normal, tangent);
@@ -289,5 +335,6 @@ fn add_specular(p: &Parameters, weight: Vec3, normal: Vec3, tangent: Vec3, surfa
     let real_f0 = f0_from_ior(eta);
     let rise = ((dielectric_mean(eta) - real_f0) / (1.0 - real_f0)).clamp(0.0, 1.0);
     let mean = f0 + (1.0 - f0) * rise;
-    below(add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then_some(mean)), weight)
+    let reflected = add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then_some(mean));
+    (below(reflected, weight), eta)
 }

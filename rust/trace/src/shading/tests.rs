@@ -15,7 +15,7 @@ fn link(node: u32, output: Output) -> Input {
 }
 
 /// A unit quad's lower left triangle in the xy plane, uv = xy, with the given nodes; the last one is the surface.
-fn scene_of(nodes: Vec<Node>) -> Scene {
+pub(super) fn scene_of(nodes: Vec<Node>) -> Scene {
     let surface = Some(nodes.len() as u32 - 1);
     let mesh = Mesh {
         positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
@@ -32,7 +32,7 @@ fn scene_of(nodes: Vec<Node>) -> Scene {
 }
 
 /// The surface that a ray straight down at (0.25, 0.5) meets.
-fn look_down(scene: &Scene) -> Surface {
+pub(super) fn look_down(scene: &Scene) -> Surface {
     look(scene, Vec3::new(0.25, 0.5, 2.0), Vec3::NEG_Z, 2.0)
 }
 
@@ -58,7 +58,7 @@ fn value_of(mut nodes: Vec<Node>, output: Output) -> Vec3 {
     look_down(&scene_of(nodes)).emission()
 }
 
-fn principled() -> Node {
+pub(super) fn principled() -> Node {
     Node::Principled {
         base_color: Input::Rgb([0.8; 3]),
         metallic: Input::Float(0.0),
@@ -68,6 +68,8 @@ fn principled() -> Node {
         alpha: Input::Float(1.0),
         normal: None,
         subsurface_weight: Input::Float(0.0),
+        subsurface: None,
+        thin_wall: None,
         specular_ior_level: Input::Float(0.5),
         specular_tint: Input::Rgb([1.0; 3]),
         anisotropic: Input::Float(0.0),

@@ -47,7 +47,14 @@ pub fn component(value: Vec4, output: Output) -> Option<f32> {
         | Output::X
         | Output::Backfacing
         | Output::ObjectIndex
-        | Output::Random => Some(value.x),
+        | Output::Random
+        | Output::IsStrand
+        | Output::Intercept
+        | Output::Length
+        | Output::Thickness
+        | Output::StrandRandom
+        | Output::PointRadius
+        | Output::PointRandom => Some(value.x),
         Output::Facing | Output::Y => Some(value.y),
         Output::Z => Some(value.z),
         Output::Alpha | Output::W | Output::Factor | Output::Distance | Output::Radius => Some(value.w),
@@ -58,6 +65,8 @@ pub fn component(value: Vec4, output: Output) -> Option<f32> {
         | Output::TrueNormal
         | Output::Incoming
         | Output::Tangent
+        | Output::TangentNormal
+        | Output::PointPosition
         | Output::Location => None,
     }
 }

@@ -9,5 +9,6 @@ mod furnace;
 mod lights;
 mod limits;
 mod media;
+mod subsurface;
 mod support;
 mod surfaces;

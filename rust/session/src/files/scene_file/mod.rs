@@ -9,6 +9,15 @@
 //! | `mesh.N.material_slots` | U16 | triangles | none if all are slot 0 |
 //! | `mesh.N.uv_map.K` | F32 | corners, 2 | |
 //! | `mesh.N.color_attribute.K` | F32 | corners, 4 | |
+//! | `curves.N.keys`, `.normals` | F32 | keys, 3 | of curves N ([`relume_scene::Curves`]); of normals none if there are none |
+//! | `curves.N.radii` | F32 | keys | |
+//! | `curves.N.first_keys` | U32 | curves + 1 | |
+//! | `curves.N.generated` | F32 | curves, 3 | none if there are none |
+//! | `curves.N.uv_map.K` | F32 | curves, 2 | |
+//! | `curves.N.key_attribute.K`, `.curve_attribute.K` | F32 | keys or curves, 4 | |
+//! | `points.N.positions` | F32 | points, 3 | of points N ([`relume_scene::Points`]) |
+//! | `points.N.radii` | F32 | points | |
+//! | `points.N.uv_map.K`, `.attribute.K` | F32 | points, 2 or 4 | |
 //! | `texture.N` | U8 or F32 | height, width, 4 | RGBA, bottom row first |
 //! | `grid.N.K.slots` | U32 | bricks | of grid K of volume N ([`relume_scene::Grid`]) |
 //! | `grid.N.K.values` | F32 | voxels, channels | |
@@ -24,7 +33,9 @@ use crate::error::SessionError;
 use crate::files::names::VIEW_FILE;
 use relume_image::write_atomically;
 use relume_scene::glam::{Affine3A, IVec3, Vec3};
-use relume_scene::{Alpha, Bricks, Camera, ColorEncoding, GridInterpolation, Instance, Light, Scene, World};
+use relume_scene::{
+    Alpha, Bricks, Camera, ColorEncoding, GridInterpolation, Instance, Light, Scene, StrandShape, World,
+};
 use relume_trace::TraceSettings;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
@@ -65,6 +76,10 @@ struct SceneDescription<M> {
     working_space: String,
     camera: Camera,
     meshes: Vec<MeshParts>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    curves: Vec<CurvesParts>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    points: Vec<PointsParts>,
     instances: Vec<Instance>,
     materials: Vec<M>,
     textures: Vec<TextureParts>,
@@ -84,6 +99,27 @@ struct MeshParts {
     texture_space: Option<[Vec3; 2]>,
     uv_maps: Vec<String>,
     color_attributes: Vec<String>,
+}
+
+/// [`relume_scene::Curves`] without their arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CurvesParts {
+    name: String,
+    shape: StrandShape,
+    first_number: u32,
+    uv_maps: Vec<String>,
+    key_attributes: Vec<String>,
+    curve_attributes: Vec<String>,
+}
+
+/// [`relume_scene::Points`] without their arrays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PointsParts {
+    name: String,
+    uv_maps: Vec<String>,
+    attributes: Vec<String>,
 }
 
 /// A [`relume_scene::Texture`] without its texels.

@@ -1,12 +1,14 @@
 use super::{
-    DESCRIPTION, FORMAT_VERSION, GridParts, GridSetParts, KEY, MeshParts, SceneDescription, SceneFile,
-    SceneHeader, TextureParts, VIEW,
+    CurvesParts, DESCRIPTION, FORMAT_VERSION, GridParts, GridSetParts, KEY, MeshParts, PointsParts,
+    SceneDescription, SceneFile, SceneHeader, TextureParts, VIEW,
 };
 use crate::bake::check_scene;
 use crate::files::light_set;
 use bytemuck::{Pod, pod_collect_to_vec};
 use relume_image::ViewTransform;
-use relume_scene::{ColorAttribute, Grid, GridSet, Light, Mesh, Scene, SceneBuilder, Texels, Texture, UvMap};
+use relume_scene::{
+    ColorAttribute, Curves, Grid, GridSet, Light, Mesh, Points, Scene, SceneBuilder, Texels, Texture, UvMap,
+};
 use relume_trace::TraceSettings;
 use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;
@@ -66,6 +68,12 @@ fn read_scene(arrays: &Arrays) -> Result<(Scene, TraceSettings), String> {
     for (number, set) in parts.grids.into_iter().enumerate() {
         builder.add_grid_set(arrays.grid_set(number, set)?).map_err(refused)?;
     }
+    for (number, curves) in parts.curves.into_iter().enumerate() {
+        builder.add_curves(arrays.curves(number, curves)?).map_err(refused)?;
+    }
+    for (number, points) in parts.points.into_iter().enumerate() {
+        builder.add_points(arrays.points(number, points)?).map_err(refused)?;
+    }
     for instance in parts.instances {
         builder.add_instance(instance).map_err(refused)?;
     }
@@ -92,29 +100,58 @@ struct Arrays<'a>(SafeTensors<'a>);
 impl Arrays<'_> {
     fn mesh(&self, number: usize, parts: MeshParts) -> Result<Mesh, String> {
         let name = |part: &str| format!("mesh.{number}.{part}");
-        let uv_map = |(k, map): (usize, String)| -> Result<_, String> {
-            let coords = self.rows(&name(&format!("uv_map.{k}")), Dtype::F32, &[2])?;
-            Ok(UvMap { name: map, coords })
-        };
-        let color_attribute = |(k, attribute): (usize, String)| -> Result<_, String> {
-            let colors = self.rows(&name(&format!("color_attribute.{k}")), Dtype::F32, &[4])?;
-            Ok(ColorAttribute { name: attribute, colors })
-        };
         Ok(Mesh {
             name: parts.name,
             positions: self.rows(&name("positions"), Dtype::F32, &[3])?,
             triangles: self.rows(&name("triangles"), Dtype::U32, &[3])?,
             corner_normals: self.rows(&name("corner_normals"), Dtype::F32, &[3])?,
-            uv_maps: parts.uv_maps.into_iter().enumerate().map(uv_map).collect::<Result<_, _>>()?,
-            color_attributes: parts
-                .color_attributes
-                .into_iter()
-                .enumerate()
-                .map(color_attribute)
-                .collect::<Result<_, _>>()?,
+            uv_maps: self.uv_maps(&name("uv_map"), parts.uv_maps)?,
+            color_attributes: self.attributes(&name("color_attribute"), parts.color_attributes)?,
             material_slots: self.rows(&name("material_slots"), Dtype::U16, &[])?,
             texture_space: parts.texture_space,
         })
+    }
+
+    fn curves(&self, number: usize, parts: CurvesParts) -> Result<Curves, String> {
+        let name = |part: &str| format!("curves.{number}.{part}");
+        Ok(Curves {
+            name: parts.name,
+            shape: parts.shape,
+            first_number: parts.first_number,
+            keys: self.rows(&name("keys"), Dtype::F32, &[3])?,
+            radii: self.rows(&name("radii"), Dtype::F32, &[])?,
+            first_keys: self.rows(&name("first_keys"), Dtype::U32, &[])?,
+            uv_maps: self.uv_maps(&name("uv_map"), parts.uv_maps)?,
+            key_attributes: self.attributes(&name("key_attribute"), parts.key_attributes)?,
+            curve_attributes: self.attributes(&name("curve_attribute"), parts.curve_attributes)?,
+            generated: self.rows(&name("generated"), Dtype::F32, &[3])?,
+            normals: self.rows(&name("normals"), Dtype::F32, &[3])?,
+        })
+    }
+
+    fn points(&self, number: usize, parts: PointsParts) -> Result<Points, String> {
+        let name = |part: &str| format!("points.{number}.{part}");
+        Ok(Points {
+            name: parts.name,
+            positions: self.rows(&name("positions"), Dtype::F32, &[3])?,
+            radii: self.rows(&name("radii"), Dtype::F32, &[])?,
+            uv_maps: self.uv_maps(&name("uv_map"), parts.uv_maps)?,
+            attributes: self.attributes(&name("attribute"), parts.attributes)?,
+        })
+    }
+
+    fn uv_maps(&self, tensor: &str, names: Vec<String>) -> Result<Vec<UvMap>, String> {
+        let map = |(k, name): (usize, String)| {
+            Ok(UvMap { name, coords: self.rows(&format!("{tensor}.{k}"), Dtype::F32, &[2])? })
+        };
+        names.into_iter().enumerate().map(map).collect()
+    }
+
+    fn attributes(&self, tensor: &str, names: Vec<String>) -> Result<Vec<ColorAttribute>, String> {
+        let attribute = |(k, name): (usize, String)| {
+            Ok(ColorAttribute { name, colors: self.rows(&format!("{tensor}.{k}"), Dtype::F32, &[4])? })
+        };
+        names.into_iter().enumerate().map(attribute).collect()
     }
 
     fn texture(&self, number: usize, parts: TextureParts) -> Result<Texture, String> {

@@ -5,8 +5,8 @@ use crate::progress::Monitor;
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_scene::glam::{Affine3A, Mat3, Vec2};
 use relume_scene::{
-    ColorAttribute, DenseGrid, DepthOfField, GridInterpolation, GridSet, LightShape, LobeFactors, Mesh,
-    ReceiverSet, SceneBuilder, Texels, Texture, UvMap,
+    ColorAttribute, Curves, DenseGrid, DepthOfField, Geometry, GridInterpolation, GridSet, LightShape,
+    LobeFactors, Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, UvMap,
 };
 
 /// A lit scene with something of everything that a scene can have.
@@ -61,6 +61,10 @@ fn scene() -> Scene {
     builder.add_instance(Instance::new("Flat", flat, Affine3A::IDENTITY, vec![])).unwrap();
     let smoke = Instance::new("Smoke", hull, Affine3A::from_translation(50.0 * Vec3::Y), vec![material]);
     builder.add_instance(Instance { grids: Some(grids), ..smoke }).unwrap();
+    let hair = Geometry::Curves(builder.add_curves(fur()).unwrap());
+    builder.add_instance(Instance::new("Fur", hair, world_from_object, vec![material])).unwrap();
+    let dust = Geometry::Points(builder.add_points(dust()).unwrap());
+    builder.add_instance(Instance::new("Dust", dust, world_from_object, vec![])).unwrap();
     let texture_from_world = Mat3::from_rotation_z(0.1);
     let world = World {
         color: [0.3, 0.2, 0.1],
@@ -80,6 +84,34 @@ fn scene() -> Scene {
     });
     builder.warn("object 'Fur': hair is not supported");
     builder.build().unwrap()
+}
+
+fn fur() -> Curves {
+    let tint =
+        |count| vec![ColorAttribute { name: "Tint".into(), colors: vec![[0.1, 0.2, 0.3, 1.0]; count] }];
+    Curves {
+        name: "Fur".into(),
+        shape: StrandShape::Ribbon { subdivisions: 1 },
+        first_number: 3,
+        keys: vec![Vec3::ZERO, Vec3::Z, Vec3::X, Vec3::ONE],
+        radii: vec![0.1, 0.2, 0.1, 0.0],
+        first_keys: vec![0, 2, 4],
+        uv_maps: vec![UvMap { name: "Root".into(), coords: vec![Vec2::X, Vec2::Y] }],
+        key_attributes: tint(4),
+        curve_attributes: tint(2),
+        generated: vec![Vec3::ONE; 2],
+        normals: vec![Vec3::Y; 4],
+    }
+}
+
+fn dust() -> Points {
+    Points {
+        name: "Dust".into(),
+        positions: vec![Vec3::ZERO, Vec3::Z],
+        radii: vec![0.1, 0.2],
+        uv_maps: vec![UvMap { name: "UVMap".into(), coords: vec![Vec2::X, Vec2::Y] }],
+        attributes: vec![ColorAttribute { name: "Heat".into(), colors: vec![[0.5; 4]; 2] }],
+    }
 }
 
 fn triangle() -> Mesh {

@@ -1,10 +1,12 @@
 use super::{
-    DESCRIPTION, FORMAT_VERSION, GridParts, GridSetParts, KEY, MeshParts, SceneDescription, SceneHeader,
-    TextureParts, VIEW,
+    CurvesParts, DESCRIPTION, FORMAT_VERSION, GridParts, GridSetParts, KEY, MeshParts, PointsParts,
+    SceneDescription, SceneHeader, TextureParts, VIEW,
 };
 use crate::bake::check_scene;
 use bytemuck::{NoUninit, cast_slice};
-use relume_scene::{Grid, GridSet, Material, Mesh, Scene, Texels, Texture};
+use relume_scene::{
+    ColorAttribute, Curves, Grid, GridSet, Material, Mesh, Points, Scene, Texels, Texture, UvMap,
+};
 use relume_trace::TraceSettings;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use std::collections::HashMap;
@@ -24,6 +26,12 @@ pub(super) fn encode(
     tensors.add(DESCRIPTION.into(), Dtype::U8, &[], &description)?;
     for (number, mesh) in scene.meshes.iter().enumerate() {
         tensors.add_mesh(&format!("mesh.{number}"), mesh)?;
+    }
+    for (number, curves) in scene.curves.iter().enumerate() {
+        tensors.add_curves(&format!("curves.{number}"), curves)?;
+    }
+    for (number, points) in scene.points.iter().enumerate() {
+        tensors.add_points(&format!("points.{number}"), points)?;
     }
     for (number, texture) in scene.textures.iter().enumerate() {
         let (name, row) = (format!("texture.{number}"), [texture.width, 4]);
@@ -53,6 +61,8 @@ fn describe(scene: &Scene, settings: &TraceSettings) -> SceneDescription<Materia
         working_space: scene.working_space.clone(),
         camera: scene.camera.clone(),
         meshes: scene.meshes.iter().map(mesh_parts).collect(),
+        curves: scene.curves.iter().map(curves_parts).collect(),
+        points: scene.points.iter().map(points_parts).collect(),
         instances: scene.instances.clone(),
         materials: scene.materials.clone(),
         textures: scene.textures.iter().map(texture_parts).collect(),
@@ -68,9 +78,36 @@ fn mesh_parts(mesh: &Mesh) -> MeshParts {
     MeshParts {
         name: mesh.name.clone(),
         texture_space: mesh.texture_space,
-        uv_maps: mesh.uv_maps.iter().map(|map| map.name.clone()).collect(),
-        color_attributes: mesh.color_attributes.iter().map(|attribute| attribute.name.clone()).collect(),
+        uv_maps: map_names(&mesh.uv_maps),
+        color_attributes: attribute_names(&mesh.color_attributes),
     }
+}
+
+fn curves_parts(curves: &Curves) -> CurvesParts {
+    CurvesParts {
+        name: curves.name.clone(),
+        shape: curves.shape,
+        first_number: curves.first_number,
+        uv_maps: map_names(&curves.uv_maps),
+        key_attributes: attribute_names(&curves.key_attributes),
+        curve_attributes: attribute_names(&curves.curve_attributes),
+    }
+}
+
+fn points_parts(points: &Points) -> PointsParts {
+    PointsParts {
+        name: points.name.clone(),
+        uv_maps: map_names(&points.uv_maps),
+        attributes: attribute_names(&points.attributes),
+    }
+}
+
+fn map_names(maps: &[UvMap]) -> Vec<String> {
+    maps.iter().map(|map| map.name.clone()).collect()
+}
+
+fn attribute_names(attributes: &[ColorAttribute]) -> Vec<String> {
+    attributes.iter().map(|attribute| attribute.name.clone()).collect()
 }
 
 fn texture_parts(texture: &Texture) -> TextureParts {
@@ -101,13 +138,38 @@ impl<'a> Tensors<'a> {
         self.add(format!("{name}.triangles"), Dtype::U32, &[3], &mesh.triangles)?;
         self.add(format!("{name}.corner_normals"), Dtype::F32, &[3], &mesh.corner_normals)?;
         self.add(format!("{name}.material_slots"), Dtype::U16, &[], &mesh.material_slots)?;
-        for (k, map) in mesh.uv_maps.iter().enumerate() {
-            self.add(format!("{name}.uv_map.{k}"), Dtype::F32, &[2], &map.coords)?;
-        }
-        for (k, attribute) in mesh.color_attributes.iter().enumerate() {
-            self.add(format!("{name}.color_attribute.{k}"), Dtype::F32, &[4], &attribute.colors)?;
-        }
-        Ok(())
+        self.add_uv_maps(name, &mesh.uv_maps)?;
+        self.add_attributes(&format!("{name}.color_attribute"), &mesh.color_attributes)
+    }
+
+    fn add_curves(&mut self, name: &str, curves: &'a Curves) -> Result<(), String> {
+        self.add(format!("{name}.keys"), Dtype::F32, &[3], &curves.keys)?;
+        self.add(format!("{name}.radii"), Dtype::F32, &[], &curves.radii)?;
+        self.add(format!("{name}.first_keys"), Dtype::U32, &[], &curves.first_keys)?;
+        self.add(format!("{name}.generated"), Dtype::F32, &[3], &curves.generated)?;
+        self.add(format!("{name}.normals"), Dtype::F32, &[3], &curves.normals)?;
+        self.add_uv_maps(name, &curves.uv_maps)?;
+        self.add_attributes(&format!("{name}.key_attribute"), &curves.key_attributes)?;
+        self.add_attributes(&format!("{name}.curve_attribute"), &curves.curve_attributes)
+    }
+
+    fn add_points(&mut self, name: &str, points: &'a Points) -> Result<(), String> {
+        self.add(format!("{name}.positions"), Dtype::F32, &[3], &points.positions)?;
+        self.add(format!("{name}.radii"), Dtype::F32, &[], &points.radii)?;
+        self.add_uv_maps(name, &points.uv_maps)?;
+        self.add_attributes(&format!("{name}.attribute"), &points.attributes)
+    }
+
+    fn add_uv_maps(&mut self, name: &str, maps: &'a [UvMap]) -> Result<(), String> {
+        let mut maps = maps.iter().enumerate();
+        maps.try_for_each(|(k, map)| self.add(format!("{name}.uv_map.{k}"), Dtype::F32, &[2], &map.coords))
+    }
+
+    fn add_attributes(&mut self, name: &str, attributes: &'a [ColorAttribute]) -> Result<(), String> {
+        let mut attributes = attributes.iter().enumerate();
+        attributes.try_for_each(|(k, attribute)| {
+            self.add(format!("{name}.{k}"), Dtype::F32, &[4], &attribute.colors)
+        })
     }
 
     /// Adds a tensor with as many rows of this shape as there are values for.

@@ -50,6 +50,12 @@ fn unit(hash: u32) -> f32 {
     hash as f32 * (1.0 / u32::MAX as f32)
 }
 
+/// A number in 0..=1 of one to four words.
+#[inline(always)]
+pub fn random_of_words<const N: usize>(words: [u32; N]) -> f32 {
+    unit(hash(words))
+}
+
 /// A number in 0..=1 of one to four floats.
 #[inline(always)]
 pub fn random<const N: usize>(key: [f32; N]) -> f32 {

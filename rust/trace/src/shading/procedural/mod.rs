@@ -12,6 +12,7 @@ use relume_scene::{BrickTexture, Dimensions, NoiseTexture, Procedural, VoronoiTe
 
 use super::values::NodeInputs;
 use hash::random_color;
+pub(super) use hash::random_of_words;
 use noise::Octaves;
 use patterns::{Bricks, Distortion};
 use voronoi::Voronoi;

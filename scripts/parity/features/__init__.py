@@ -1,0 +1,9 @@
+"""Scenes of one feature each, made by script: what `make parity` compares beside the real scenes. Need `bpy`.
+
+Each builder fills an empty scene that `stage.set_up` has made: a floor, a wall and a camera that looks at the origin.
+"""
+
+from . import hair, media, skin
+
+SCENES = {**media.SCENES, **skin.SCENES, **hair.SCENES}
+"""Builders by the names of their scenes."""
