@@ -89,6 +89,11 @@ impl MajorantGrid {
         Self { grid_from_world: grid_from_local * local_from_world, size, cells: bounds, outside }
     }
 
+    /// Bounds of cells of edge 1 from the origin of the space that `grid_from_world` leads to, along x first; nothing is outside.
+    pub fn new(grid_from_world: Affine3A, size: IVec3, cells: Vec<f32>) -> Self {
+        Self { grid_from_world, size, cells, outside: 0.0 }
+    }
+
     fn corner(size: IVec3, cell: usize) -> UVec3 {
         let (x, y) = (size.x as usize, size.y as usize);
         UVec3::new((cell % x) as u32, (cell / x % y) as u32, (cell / (x * y)) as u32)

@@ -185,6 +185,13 @@ impl Graph {
         self.medium_nodes().into_iter().any(|node| !is_same_everywhere(&self.nodes[node as usize]))
     }
 
+    /// True if the medium is computed from what it reads, other than by closures.
+    pub fn medium_computes(&self) -> bool {
+        let is_read = |node: &Node| matches!(node, Node::Attribute { .. } | Node::ColorAttribute { .. });
+        let computes = |node: &Node| !is_read(node) && !is_medium_closure(node);
+        self.medium_nodes().into_iter().any(|node| computes(&self.nodes[node as usize]))
+    }
+
     /// Numbers of the attributes that the medium reads, see [`Names::attributes`].
     pub fn medium_fields(&self) -> Vec<usize> {
         let fields = |node: NodeId| match (&self.nodes[node as usize], &self.aids[node as usize]) {

@@ -1,10 +1,11 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec4};
 use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, GridSet, Instance, Interpolation, Mesh, Points, Scene, UvMap,
+    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Scene, UvMap,
 };
 
 use super::closures::shade;
 use super::evaluate::ShadingContext;
+use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
 use super::tangents::{corner_tangents, spherical_coords};
 use super::texture::{PreparedTexture, equirectangular};
@@ -27,6 +28,7 @@ pub struct PreparedMaterials {
     grids: Vec<Vec<Option<(usize, Affine3A)>>>,
     /// Object of the world's medium.
     pub(super) space: Instance,
+    fields: PreparedFields,
 }
 
 /// Everything about one mesh that does not depend on the hit.
@@ -105,6 +107,7 @@ impl PreparedMaterials {
             points: scene.points.iter().map(|points| attributes_of_points(points, &names)).collect(),
             grids: scene.grids.iter().map(|set| fields(set, &names)).collect(),
             space,
+            fields: PreparedFields::new(scene, &names.attributes),
         };
         (prepared, warnings)
     }
@@ -171,7 +174,7 @@ impl PreparedMaterials {
         };
         let graph = &self.graphs[material];
         if let Some(root) = graph.surface {
-            let context = ShadingContext { prepared: self, scene, graph, point };
+            let context = ShadingContext { prepared: self, scene, graph, point, assumed: &[] };
             let mut values = surface.take_values(2 * graph.nodes.len());
             let (own, scratch) = values.split_at_mut(graph.nodes.len());
             shade(&context, root, 1.0, own, scratch, surface);
@@ -190,19 +193,21 @@ impl PreparedMaterials {
         surface.body_normal().unwrap_or(point.shading_normal)
     }
 
-    /// Adds to `medium` what the volume of a material is at a point within it.
+    /// Adds to `medium` what the volume of a material is at a point within it; what it would be if grids had the values that are
+    /// `assumed`, by their name numbers.
     pub(crate) fn evaluate_medium(
         &self,
         scene: &Scene,
         material: usize,
         point: &MediumPoint,
+        assumed: &[(usize, Vec4)],
         values: &mut Vec<Vec4>,
         medium: &mut MediumSample,
     ) {
         let graph = &self.graphs[material];
         let Some(root) = graph.volume else { return };
         let point = point.without_surface(scene);
-        let context = ShadingContext { prepared: self, scene, graph, point: &point };
+        let context = ShadingContext { prepared: self, scene, graph, point: &point, assumed };
         values.resize(2 * graph.nodes.len(), Vec4::ZERO);
         let (own, scratch) = values.split_at_mut(graph.nodes.len());
         shade_medium(&context, root, context.instance().density_factor, own, scratch, medium);
@@ -222,10 +227,13 @@ impl PreparedMaterials {
     /// all of red, green and blue.
     pub(crate) fn field(&self, scene: &Scene, instance: u32, name: usize, position: Vec3) -> Option<Vec4> {
         let set = scene.instances.get(instance as usize)?.grids?;
-        let (grid, index_from_object) = self.grids[set][name]?;
-        let set = &scene.grids[set];
-        let voxel = index_from_object.transform_point3(self.object_position(instance, position));
-        Some(set.grids[grid].value(voxel, set.interpolation).extend(1.0))
+        let position = self.object_from_world(instance).transform_point3(position);
+        self.fields.value(scene, set, name, position)
+    }
+
+    /// The grid with this name number that an instance has.
+    pub(crate) fn grid<'a>(&self, scene: &'a Scene, instance: u32, name: usize) -> Option<&'a Grid> {
+        self.fields.grid(scene, scene.instances.get(instance as usize)?.grids?, name)
     }
 
     /// The world's texture, white without one, along the unit `direction` of a ray that leaves the scene.
