@@ -203,7 +203,6 @@ class _SceneExporter:
             [tuple(row) for row in instance.matrix_world],
             shared.materials,
             kind=placed.kind,
-            grids=placed.grids,
             random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(shared.name),
             **shared.settings,
             **volume,

@@ -25,7 +25,7 @@ use relume_scene::{Light, Scene};
 pub(crate) use bounds::Bounds;
 pub(crate) use crossing::HullCrossing;
 pub(crate) use flight::{Flight, Landing, TrackingNumbers};
-use majorant::{Detail, MajorantGrid};
+use majorant::MajorantGrid;
 pub use phase::Phase;
 pub use sample::MediumSample;
 pub(crate) use sample::PhaseSample;
@@ -269,12 +269,7 @@ impl MediaSpace<'_> {
                 }
                 None => (Affine3A::IDENTITY, self.media.recorded.unwrap_or(Bounds::EMPTY)),
             };
-            let voxels = instance.and_then(|instance| self.scene.grids.get(instance.grids?));
-            let detail = voxels.map_or(Detail::PLAIN, |set| {
-                let longest = set.grids.iter().map(|grid| 8 * grid.bricks.counts.max_element()).max();
-                Detail::of_voxels(longest.unwrap_or(0) as f32)
-            });
-            MajorantGrid::sampled(local_from_world, bounds.corners(), instance.is_some(), detail, extinction)
+            MajorantGrid::sampled(local_from_world, bounds.corners(), instance.is_some(), extinction)
         })
     }
 }

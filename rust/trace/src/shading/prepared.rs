@@ -24,8 +24,6 @@ pub struct PreparedMaterials {
     meshes: Vec<PreparedMesh>,
     curves: Vec<Attributes>,
     points: Vec<Attributes>,
-    /// Of each volume, by attribute name: number of its grid, and voxels from its object's space.
-    grids: Vec<Vec<Option<(usize, Affine3A)>>>,
     /// Object of the world's medium.
     pub(super) space: Instance,
     fields: PreparedFields,
@@ -105,7 +103,6 @@ impl PreparedMaterials {
                 .collect(),
             curves: scene.curves.iter().map(|curves| attributes_of_curves(curves, &names)).collect(),
             points: scene.points.iter().map(|points| attributes_of_points(points, &names)).collect(),
-            grids: scene.grids.iter().map(|set| fields(set, &names)).collect(),
             space,
             fields: PreparedFields::new(scene, &names.attributes),
         };
@@ -312,13 +309,6 @@ impl PreparedMaterials {
     pub(super) fn world_normal(&self, instance: u32, object: Vec3) -> Vec3 {
         (self.transforms[instance as usize].world_from_object_normal * object).normalize_or_zero()
     }
-}
-
-/// Grids of a volume, and voxels from its object's space, by attribute name.
-fn fields(set: &GridSet, names: &Names) -> Vec<Option<(usize, Affine3A)>> {
-    let number = |name: &String| set.grids.iter().position(|grid| grid.name == *name);
-    let field = |name| number(name).map(|grid| (grid, set.grids[grid].object_from_index.inverse()));
-    names.attributes.iter().map(field).collect()
 }
 
 impl PreparedMesh {
