@@ -13,7 +13,7 @@ OUTPUT = "of the picture's file, or of passes that Relume does not write"
 EEVEE = "of EEEVEE, Workbench or viewports"
 BAKED = "of baking to textures"
 BY_DEPSGRAPH = "done by Blender before the scene is read"
-HAIR, VOLUMES, BLUR = "of hair", "of volume objects", "of motion blur"
+HAIR, BLUR = "of hair", "of motion blur"
 """Neither is supported: each object or scene that has it is named."""
 MARCHING = "of Cycles' steps through media, of which Relume has none"
 FAST_GI = "of Fast GI Approximation, which is named itself"
@@ -45,8 +45,8 @@ TABLE = {
         STAMP: "use_stamp* stamp_* metadata_input",
         BLUR: "motion_blur_*",
         HAIR: "hair_type hair_subdiv",
-        BY_DEPSGRAPH: "fps fps_base frame_map_* simplify_subdivision* simplify_child_particles* simplify_gpencil*",
-        VOLUMES: "simplify_volumes",
+        BY_DEPSGRAPH: "fps fps_base frame_map_* simplify_subdivision* simplify_child_particles* simplify_gpencil* "
+        "simplify_volumes",
         VIEWS: "preview_pixel_size use_lock_interface sequencer_gl_preview use_sequencer_override_scene_strip "
         "use_simplify_normals use_high_quality_normals",
         NOISE: "threads threads_mode use_persistent_data",
@@ -131,6 +131,17 @@ TABLE = {
     "AreaLight": LIGHT,
     "SunLight": LIGHT,
     "CyclesLightSettings": {READ: "is_portal", NAMED: "max_bounces use_multiple_importance_sampling is_caustics_light"},
+    "Volume": {
+        READ: "filepath packed_file grids is_sequence frame_* sequence_mode render materials",
+        BLUR: "velocity_*",
+        BY_DEPSGRAPH: "animation_data",
+        VIEWS: "display",
+    },
+    "VolumeRender": {
+        READ: "clipping space",
+        MARCHING: "step_size",
+        "of Cycles' memory: ours are whole floats": "precision",
+    },
     "World": {
         READ: "color node_tree use_nodes cycles cycles_visibility",
         EEVEE: "use_eevee_finite_volume probe_resolution sun_* use_sun_*",

@@ -11,7 +11,6 @@ pytestmark = pytest.mark.every_version
 COMPONENTS = {
     "curves": "GeometryNodeCurvePrimitiveCircle",
     "point clouds": "GeometryNodePoints",
-    "volumes": "GeometryNodeVolumeCube",
 }
 MESH = "GeometryNodeMeshCube"
 
@@ -52,20 +51,21 @@ def test_each_component_beside_a_mesh_is_named(scene, as_instances):
     assert [points["points"] for points in found["points"]] == [1]
     assert sorted(found["warnings"]) == [
         "object 'Plane': curves that its geometry nodes leave without a profile are left out, as by Cycles",
-        "object 'Plane': volumes are not supported yet; left out",
     ]
 
 
 def test_components_in_an_instanced_collection_are_named_once(scene):
-    smoky = add_components(add_quad(scene, "Smoky"), COMPONENTS["volumes"])
-    scene.collection.objects.unlink(smoky)
-    rig = unlinked("Rig", smoky)
+    wiry = add_components(add_quad(scene, "Wiry"), COMPONENTS["curves"])
+    scene.collection.objects.unlink(wiry)
+    rig = unlinked("Rig", wiry)
     for name in ("First", "Second"):
         empty = add(scene, name, None)
         empty.instance_type, empty.instance_collection = "COLLECTION", rig
     found = exported(scene)
     assert len(found["instances"]) == 2
-    assert found["warnings"] == ["object 'Smoky': volumes are not supported yet; left out"]
+    assert found["warnings"] == [
+        "object 'Wiry': curves that its geometry nodes leave without a profile are left out, as by Cycles"
+    ]
 
 
 def test_a_curve_object_shows_what_its_nodes_instance(scene):

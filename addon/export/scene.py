@@ -213,7 +213,8 @@ class _SceneExporter:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
         warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
-        materials = self._materials(obj)
+        number = self.materials.number if placed.grids is None else self.materials.number_in_volume
+        materials = [number(material, obj.name) for material in self._slots(obj)]
         if placed.kind != "mesh":
             materials = materials[min(placed.material_slot, len(materials) - 1) :][:1]
         if self.materials.emissive.intersection(materials):
@@ -233,9 +234,6 @@ class _SceneExporter:
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
         return _Shared(obj.name, materials, settings)
-
-    def _materials(self, obj: bpy.types.Object) -> list[int]:
-        return [self.materials.number(material, obj.name) for material in self._slots(obj)]
 
     def _slots(self, obj: bpy.types.Object) -> list[bpy.types.Material | None]:
         """Materials of an evaluated object: it has a slot for each of its mesh."""

@@ -9,7 +9,6 @@ they see other simulation caches, combed hair, multiresolution sculpting, and ot
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,14 +19,13 @@ from ...core.diff import Fingerprint, color_text
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
 from ...export.curves import strand_shape
-from ...export.images import frame_of, numbered_path, path_of, tile_path
+from ...export.images import frame_of, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
 from ...export.materials import MaterialExporter
 from ...export.materials.graph import has_volume, used_tree
 from ...export.plain import plain
 from ...export.scene import shadow_terminator
 from ...export.view_layer import render_layer
-from ...export.volumes import smoke_domain
 from ...export.working_space import working_space
 from ...export.world import export_world, world_of
 from ...export.world_graph import WorldGraph
@@ -35,6 +33,7 @@ from ..native import native
 from .dependencies import dependencies_of, image_nodes, may_instance
 from .node_fingerprints import drawn_curves, group, hashed, ramp, tree, values
 from .shape_fingerprints import DATA, shape
+from .volume_fingerprints import smoke, stamp, volume
 
 Steps = Generator[None, None, Fingerprint | None]
 """Takes a fingerprint in steps of a few milliseconds, many for a large mesh; returns None if there is none."""
@@ -301,22 +300,11 @@ def _image(image: bpy.types.Image) -> Fingerprint | None:
         return None
     path = bpy.path.abspath(image.filepath, library=image.library)
     paths = [tile_path(path, tile.number) for tile in image.tiles] if image.source == "TILED" else [path]
-    return {"file": hashed([_stamp(found) for found in paths])}
-
-
-def _volume(volume: bpy.types.Volume) -> Fingerprint:
-    """Fingerprint of a volume and the file behind it, which is that of the frame where they are a sequence."""
-    path = bpy.path.abspath(volume.filepath, library=volume.library)
-    if volume.is_sequence:
-        path = numbered_path(path, volume.grids.frame)
-    settings = [values(volume), values(volume.render), volume.is_sequence]
-    return {"settings": hashed(settings), "file": hashed([path, _stamp(path)])}
+    return {"file": hashed([stamp(found) for found in paths])}
 
 
 def _smoke(scene: bpy.types.Scene) -> Fingerprint:
-    """The frame, where a smoke domain shows another picture in each. Costs next to nothing without any."""
-    shown = [obj.name_full for obj in scene.objects if obj.modifiers and _counts(obj) and smoke_domain(obj)]
-    return {name: f"frame {scene.frame_current}" for name in shown}
+    return smoke(filter(_counts, scene.objects), scene.frame_current)
 
 
 def _sequences(scene: bpy.types.Scene) -> Fingerprint:
@@ -328,17 +316,8 @@ def _sequences(scene: bpy.types.Scene) -> Fingerprint:
             if node.image in images:
                 path = path_of(node.image, node.image_user, scene.frame_current)
                 files = shown.setdefault(node.image.name_full, [])
-                files.append([path, frame_of(node.image_user, scene.frame_current), _stamp(path)])
+                files.append([path, frame_of(node.image_user, scene.frame_current), stamp(path)])
     return {name: hashed(sorted(files)) for name, files in shown.items()}
-
-
-def _stamp(path: str) -> tuple[int, int] | None:
-    """Size and modification time of a file; None if it cannot be read."""
-    try:
-        found = os.stat(path)
-    except OSError:
-        return None
-    return found.st_size, found.st_mtime_ns
 
 
 def _camera(scene: bpy.types.Scene) -> Fingerprint | None:
@@ -365,7 +344,7 @@ def _settings(scene: bpy.types.Scene) -> Fingerprint:
     return {
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
-        "volumes": str(render_layer(scene).use_volumes),
+        "volumes": str(layer.use_volumes),
         "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
     }
@@ -493,7 +472,7 @@ BLOCKS = {
     "collection": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _collection)),
     "instanced": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _instanced_fingerprint)),
     "nodes": _Block(bpy.types.GeometryNodeTree, "node_groups", _group),
-    "volume": _Block(bpy.types.Volume, "volumes", partial(_in_one_step, _volume)),
+    "volume": _Block(bpy.types.Volume, "volumes", partial(_in_one_step, volume)),
     "texture": _Block(bpy.types.Texture, "textures", partial(_in_one_step, _texture)),
     "particles": _Block(bpy.types.ParticleSettings, "particles", partial(_in_one_step, _particles)),
 }

@@ -16,7 +16,7 @@ from .graph import used_tree
 from .hair import HAIR_CLOSURES, HAIR_VALUES
 from .translation import DEFAULT_SURFACE, NodeTables, Translation
 from .values import VALUES, asked_of
-from .volumes import VOLUMES
+from .volumes import DEFAULT_VOLUME, VOLUMES
 
 TABLES = NodeTables(CLOSURES | HAIR_CLOSURES, FALLBACK_CLOSURES, VOLUMES, VALUES | HAIR_VALUES)
 
@@ -52,6 +52,17 @@ class MaterialExporter:
         key = material.name_full if material else None
         if key not in self.numbers:
             self.numbers[key] = self._export(material, object_name)
+        return self.numbers[key]
+
+    def number_in_volume(self, material: bpy.types.Material | None, object_name: str) -> int:
+        """Number of a material of a volume object; None is Cycles' default for those."""
+        if material is not None:
+            return self.number(material, object_name)
+        key = DEFAULT_VOLUME["name"]
+        if key not in self.numbers:
+            number = self.numbers[key] = int(self.builder.add_material(json.dumps(DEFAULT_VOLUME)))
+            self.filled.add(number)
+            self.attributes[number] = {}
         return self.numbers[key]
 
     def world_volume(self, world: bpy.types.World) -> int | None:

@@ -109,6 +109,31 @@ def blackbody_colors() -> dict[str, Any]:
     return {"min": COLDEST_K, "max": HOTTEST_K, "table": table, "interpolate": True, "extrapolate": False}
 
 
+DEFAULT_VOLUME: dict[str, Any] = {
+    "name": "\tVolume",
+    "surface": None,
+    "volume": 0,
+    "nodes": [
+        {
+            "type": "principled_volume",
+            "color": GREY,
+            "color_attribute": "",
+            "density": 1.0,
+            "density_attribute": "density",
+            "anisotropy": 0.0,
+            "absorption_color": BLACK,
+            "emission_strength": 0.0,
+            "emission_color": WHITE,
+            "blackbody_intensity": 0.0,
+            "blackbody_tint": WHITE,
+            "blackbody": None,
+            "temperature": 1000.0,
+            "temperature_attribute": "temperature",
+        }
+    ],
+}
+"""Cycles' material for volume objects without one. No material in a file can have its name."""
+
 VOLUMES: dict[str, TranslateClosure] = {
     "ShaderNodeVolumeScatter": _scatter,
     "ShaderNodeVolumeAbsorption": _absorption,

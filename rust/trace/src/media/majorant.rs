@@ -2,25 +2,10 @@
 
 use glam::{Affine3A, IVec3, UVec3, Vec3};
 
-/// How closely a medium is looked at that is only known at points.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Detail {
-    /// Cells along the longest edge of the grid.
-    cells: f32,
-    /// Points of a cell at which the medium is looked at in each round.
-    points: usize,
-}
-
-impl Detail {
-    /// That of textures.
-    pub const PLAIN: Self = Self { cells: 20.0, points: 8 };
-
-    /// That of voxels, so many along the longest edge.
-    pub fn of_voxels(longest: f32) -> Self {
-        Self { cells: (longest / 4.0).clamp(Self::PLAIN.cells, 40.0), points: 32 }
-    }
-}
-
+/// Cells along the longest edge of a grid whose medium is only known at points.
+const CELLS: f32 = 20.0;
+/// Points of a cell at which the medium is looked at, first.
+const POINTS: usize = 8;
 /// Factor between what was found in a cell and around it, and its bound.
 const MARGIN: f32 = 1.25;
 /// Rounds in which bounds are compared with the medium at new points and raised.
@@ -51,11 +36,10 @@ impl MajorantGrid {
         local_from_world: Affine3A,
         [min, max]: [Vec3; 2],
         is_bounded: bool,
-        detail: Detail,
         extinction: impl Fn(Vec3) -> f32,
     ) -> Self {
         let extent = (max - min).max(Vec3::splat(1e-6 * (max - min).max_element().max(1e-30)));
-        let size = (extent / extent.max_element() * detail.cells).ceil().as_ivec3().max(IVec3::ONE);
+        let size = (extent / extent.max_element() * CELLS).ceil().as_ivec3().max(IVec3::ONE);
         let world_from_local = local_from_world.inverse();
         let at = |cell: usize, point: usize| {
             let corner = Self::corner(size, cell);
@@ -68,13 +52,13 @@ impl MajorantGrid {
         };
         let most_at = |first: usize| {
             // Not in parallel: who waits for the bounds may be a worker whose turn would never come.
-            let most = |cell| (first..first + detail.points).map(|point| at(cell, point)).fold(0.0, f32::max);
+            let most = |cell| (first..first + POINTS).map(|point| at(cell, point)).fold(0.0, f32::max);
             (0..(size.x * size.y * size.z) as usize).map(most).collect::<Vec<f32>>()
         };
         let mut found = most_at(0);
         let mut bounds = around(size, &found, MARGIN);
         for round in 1..MOST_ROUNDS {
-            let more = most_at(round * detail.points);
+            let more = most_at(round * POINTS);
             let excess =
                 more.iter().zip(&bounds).map(|(more, bound)| excess(*more, *bound)).fold(1.0, f32::max);
             if excess == 1.0 {
@@ -87,6 +71,11 @@ impl MajorantGrid {
         let scale = size.as_vec3() / extent;
         let grid_from_local = Affine3A::from_scale(scale) * Affine3A::from_translation(-min);
         Self { grid_from_world: grid_from_local * local_from_world, size, cells: bounds, outside }
+    }
+
+    /// Bounds of cells of edge 1 from the origin of the space that `grid_from_world` leads to, along x first; nothing is outside.
+    pub fn new(grid_from_world: Affine3A, size: IVec3, cells: Vec<f32>) -> Self {
+        Self { grid_from_world, size, cells, outside: 0.0 }
     }
 
     fn corner(size: IVec3, cell: usize) -> UVec3 {
@@ -176,7 +165,7 @@ mod tests {
     fn grid() -> MajorantGrid {
         let bounds = [Vec3::new(-1.0, 0.0, 0.0), Vec3::new(1.0, 3.0, 1.0)];
         let bumps_at = |at| bumps(local_from_world().transform_point3(at));
-        MajorantGrid::sampled(local_from_world(), bounds, true, Detail::PLAIN, bumps_at)
+        MajorantGrid::sampled(local_from_world(), bounds, true, bumps_at)
     }
 
     #[test]

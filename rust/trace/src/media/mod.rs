@@ -9,6 +9,7 @@
 mod bounds;
 mod crossing;
 mod flight;
+mod grid_majorants;
 mod inversion;
 mod majorant;
 mod phase;
@@ -24,7 +25,7 @@ use relume_scene::{Light, Scene};
 pub(crate) use bounds::Bounds;
 pub(crate) use crossing::HullCrossing;
 pub(crate) use flight::{Flight, Landing, TrackingNumbers};
-use majorant::{Detail, MajorantGrid};
+use majorant::MajorantGrid;
 pub use phase::Phase;
 pub use sample::MediumSample;
 pub(crate) use sample::PhaseSample;
@@ -126,6 +127,13 @@ impl Media {
             found.world = Some(number);
             found.recorded = Some(Bounds::of_scene(scene, lights));
         }
+        // Not when a ray is first in it: they are found in parallel, and who waits may be needed for that.
+        for medium in found.media.iter().filter(|medium| medium.even.is_none()) {
+            let space = MediaSpace { scene, materials, media: &found };
+            if let Some(bounds) = grid_majorants::of_grids(&space, medium) {
+                medium.majorants.get_or_init(|| bounds);
+            }
+        }
         (!found.media.is_empty()).then_some(found)
     }
 
@@ -145,7 +153,7 @@ impl Media {
             let even = (!varies).then(|| {
                 let mut sample = MediumSample::default();
                 let point = MediumPoint { position: Vec3::ZERO, wo: Vec3::Z, instance };
-                materials.evaluate_medium(scene, material, &point, &mut Vec::new(), &mut sample);
+                materials.evaluate_medium(scene, material, &point, &[], &mut Vec::new(), &mut sample);
                 sample
             });
             let glows = graph.medium_glows();
@@ -223,7 +231,7 @@ impl MediaSpace<'_> {
             Some(even) => sample.add(even),
             None => {
                 let point = MediumPoint { position, wo: -direction, instance: medium.instance };
-                self.materials.evaluate_medium(self.scene, medium.material, &point, values, sample);
+                self.materials.evaluate_medium(self.scene, medium.material, &point, &[], values, sample);
             }
         }
     }
@@ -261,12 +269,7 @@ impl MediaSpace<'_> {
                 }
                 None => (Affine3A::IDENTITY, self.media.recorded.unwrap_or(Bounds::EMPTY)),
             };
-            let voxels = instance.and_then(|instance| self.scene.grids.get(instance.grids?));
-            let detail = voxels.map_or(Detail::PLAIN, |set| {
-                let longest = set.grids.iter().map(|grid| 8 * grid.bricks.counts.max_element()).max();
-                Detail::of_voxels(longest.unwrap_or(0) as f32)
-            });
-            MajorantGrid::sampled(local_from_world, bounds.corners(), instance.is_some(), detail, extinction)
+            MajorantGrid::sampled(local_from_world, bounds.corners(), instance.is_some(), extinction)
         })
     }
 }

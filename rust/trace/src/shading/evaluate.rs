@@ -17,6 +17,8 @@ pub struct ShadingContext<'a> {
     pub scene: &'a Scene,
     pub graph: &'a Graph,
     pub point: &'a SurfacePoint,
+    /// Values that grids are taken to have at the point, by their name numbers.
+    pub assumed: &'a [(usize, Vec4)],
 }
 
 /// A context with the values known so far.
@@ -198,6 +200,9 @@ impl<'a> ShadingContext<'a> {
 
     /// Value at a point within a medium of the grid with this name number; nothing where its object has none. Meshes have none.
     pub fn field(&self, name: usize) -> Option<Vec4> {
+        if let Some((_, value)) = self.assumed.iter().find(|(assumed, _)| *assumed == name) {
+            return Some(*value);
+        }
         self.prepared.field(self.scene, self.point.instance, name, self.point.position)
     }
 

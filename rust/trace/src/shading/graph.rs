@@ -83,8 +83,14 @@ impl Graph {
         });
         let [surface, volume] = [material.surface, material.volume]
             .map(|root| root.filter(|root| (*root as usize) < nodes.len()));
-        let mut graph =
-            Self { surface, volume, needs: vec![Vec::new(); nodes.len()], aids: Vec::new(), bends_exits, nodes };
+        let mut graph = Self {
+            surface,
+            volume,
+            needs: vec![Vec::new(); nodes.len()],
+            aids: Vec::new(),
+            bends_exits,
+            nodes,
+        };
         let mut too_many = |part: &str| {
             let words = format!("more than {MAX_CLOSURE_VISITS} shaders are mixed; its {part} is left out");
             warnings.push(format!("material '{}': {words}", material.name));
@@ -177,6 +183,13 @@ impl Graph {
             value => evaluate_pure(value, &NoLinks).is_some(),
         };
         self.medium_nodes().into_iter().any(|node| !is_same_everywhere(&self.nodes[node as usize]))
+    }
+
+    /// True if the medium is computed from what it reads, other than by closures.
+    pub fn medium_computes(&self) -> bool {
+        let is_read = |node: &Node| matches!(node, Node::Attribute { .. } | Node::ColorAttribute { .. });
+        let computes = |node: &Node| !is_read(node) && !is_medium_closure(node);
+        self.medium_nodes().into_iter().any(|node| computes(&self.nodes[node as usize]))
     }
 
     /// Numbers of the attributes that the medium reads, see [`Names::attributes`].

@@ -1,6 +1,7 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec4};
 use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, GridSet, Instance, Interpolation, Mesh, Points, Scene, UvMap,
+    ColorAttribute, Curves, Extension, Geometry, Grid, GridSet, Instance, Interpolation, Mesh, Points, Scene,
+    UvMap,
 };
 
 use super::closures::shade;
@@ -171,7 +172,7 @@ impl PreparedMaterials {
         };
         let graph = &self.graphs[material];
         if let Some(root) = graph.surface {
-            let context = ShadingContext { prepared: self, scene, graph, point };
+            let context = ShadingContext { prepared: self, scene, graph, point, assumed: &[] };
             let mut values = surface.take_values(2 * graph.nodes.len());
             let (own, scratch) = values.split_at_mut(graph.nodes.len());
             shade(&context, root, 1.0, own, scratch, surface);
@@ -190,19 +191,21 @@ impl PreparedMaterials {
         surface.body_normal().unwrap_or(point.shading_normal)
     }
 
-    /// Adds to `medium` what the volume of a material is at a point within it.
+    /// Adds to `medium` what the volume of a material is at a point within it; what it would be if grids had the values that are
+    /// `assumed`, by their name numbers.
     pub(crate) fn evaluate_medium(
         &self,
         scene: &Scene,
         material: usize,
         point: &MediumPoint,
+        assumed: &[(usize, Vec4)],
         values: &mut Vec<Vec4>,
         medium: &mut MediumSample,
     ) {
         let graph = &self.graphs[material];
         let Some(root) = graph.volume else { return };
         let point = point.without_surface(scene);
-        let context = ShadingContext { prepared: self, scene, graph, point: &point };
+        let context = ShadingContext { prepared: self, scene, graph, point: &point, assumed };
         values.resize(2 * graph.nodes.len(), Vec4::ZERO);
         let (own, scratch) = values.split_at_mut(graph.nodes.len());
         shade_medium(&context, root, context.instance().density_factor, own, scratch, medium);
@@ -226,6 +229,12 @@ impl PreparedMaterials {
         let set = &scene.grids[set];
         let voxel = index_from_object.transform_point3(self.object_position(instance, position));
         Some(set.grids[grid].value(voxel, set.interpolation).extend(1.0))
+    }
+
+    /// The grid with this name number that an instance has.
+    pub(crate) fn grid<'a>(&self, scene: &'a Scene, instance: u32, name: usize) -> Option<&'a Grid> {
+        let set = scene.instances.get(instance as usize)?.grids?;
+        self.grids[set][name].map(|(grid, _)| &scene.grids[set].grids[grid])
     }
 
     /// The world's texture, white without one, along the unit `direction` of a ray that leaves the scene.
