@@ -157,7 +157,14 @@ impl TileSamples {
         }
         let path_start = std::mem::take(&mut self.path_is_empty);
         let (end, throughput) = (End::Vertex(vertex), Vec3::ZERO);
-        self.records.push(SampleRecord { end, throughput, lobe: None, receiver: 0, path_start, continues: false });
+        self.records.push(SampleRecord {
+            end,
+            throughput,
+            lobe: None,
+            receiver: 0,
+            path_start,
+            continues: false,
+        });
     }
 
     /// Adds to the AOVs of the current pixel; once per path.

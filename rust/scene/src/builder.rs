@@ -2,7 +2,10 @@
 
 use crate::damage::can_be_placed;
 use crate::validate::world_fault;
-use crate::{Camera, Curves, Grid, GridSet, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture, World};
+use crate::{
+    Camera, Curves, Grid, GridSet, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture,
+    World,
+};
 use serde::Deserialize;
 use serde_json::Value;
 

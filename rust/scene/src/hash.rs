@@ -4,7 +4,10 @@ use blake3::Hasher;
 use bytemuck::cast_slice;
 use serde::Serialize;
 
-use crate::{Camera, ColorAttribute, Curves, Geometry, Grid, Instance, Material, Mesh, Node, Points, Scene, Texels, Texture, UvMap, World};
+use crate::{
+    Camera, ColorAttribute, Curves, Geometry, Grid, Instance, Material, Mesh, Node, Points, Scene, Texels,
+    Texture, UvMap, World,
+};
 
 impl Scene {
     /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world but for its volume, and

@@ -1,8 +1,8 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
-    MappingKind, MathOp, MixData, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural, Subsurface, TexCoord,
-    VectorMathOp,
+    MappingKind, MathOp, MixData, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural, Subsurface,
+    TexCoord, VectorMathOp,
 };
 
 with_sockets! {

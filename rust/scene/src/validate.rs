@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::{Geometry, Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;

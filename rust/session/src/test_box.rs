@@ -17,7 +17,8 @@ fn closed_box((width, height): (usize, usize)) -> Result<Scene, SessionError> {
         ..Mesh::default()
     };
     let diffuse = Node::Diffuse { color: Input::Rgb([0.7; 3]), roughness: Input::Float(0.0), normal: None };
-    let material = Material { name: "grey".into(), nodes: vec![diffuse], surface: Some(0), ..Material::default() };
+    let material =
+        Material { name: "grey".into(), nodes: vec![diffuse], surface: Some(0), ..Material::default() };
     let mut builder = SceneBuilder::new("Linear Rec.709");
     builder.set_camera(Camera {
         width,

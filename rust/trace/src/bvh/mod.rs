@@ -180,7 +180,9 @@ impl SceneBvh {
         #[cfg(target_arch = "x86_64")]
         if self.use_avx2 {
             // SAFETY: `use_avx2` is set only where the processor has all features that the function enables.
-            return unsafe { avx2::traverse_avx2::<ANY>(&self.tree, ray, root, stack, accept, enter, source) };
+            return unsafe {
+                avx2::traverse_avx2::<ANY>(&self.tree, ray, root, stack, accept, enter, source)
+            };
         }
         traverse::<scalar::Scalar, ANY>(&self.tree, ray, root, stack, accept, enter, source)
     }

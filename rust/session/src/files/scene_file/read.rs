@@ -1,13 +1,14 @@
 use super::{
     CurvesParts, DESCRIPTION, FORMAT_VERSION, GridParts, GridSetParts, KEY, MeshParts, PointsParts,
-    SceneDescription, SceneFile,
-    SceneHeader, TextureParts, VIEW,
+    SceneDescription, SceneFile, SceneHeader, TextureParts, VIEW,
 };
 use crate::bake::check_scene;
 use crate::files::light_set;
 use bytemuck::{Pod, pod_collect_to_vec};
 use relume_image::ViewTransform;
-use relume_scene::{ColorAttribute, Curves, Grid, GridSet, Light, Mesh, Points, Scene, SceneBuilder, Texels, Texture, UvMap};
+use relume_scene::{
+    ColorAttribute, Curves, Grid, GridSet, Light, Mesh, Points, Scene, SceneBuilder, Texels, Texture, UvMap,
+};
 use relume_trace::TraceSettings;
 use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;

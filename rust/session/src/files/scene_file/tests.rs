@@ -5,8 +5,8 @@ use crate::progress::Monitor;
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_scene::glam::{Affine3A, Mat3, Vec2};
 use relume_scene::{
-    ColorAttribute, Curves, DenseGrid, DepthOfField, Geometry, GridInterpolation, GridSet, LightShape, LobeFactors,
-    Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, UvMap,
+    ColorAttribute, Curves, DenseGrid, DepthOfField, Geometry, GridInterpolation, GridSet, LightShape,
+    LobeFactors, Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, UvMap,
 };
 
 /// A lit scene with something of everything that a scene can have.
@@ -66,8 +66,13 @@ fn scene() -> Scene {
     let dust = Geometry::Points(builder.add_points(dust()).unwrap());
     builder.add_instance(Instance::new("Dust", dust, world_from_object, vec![])).unwrap();
     let texture_from_world = Mat3::from_rotation_z(0.1);
-    let world =
-        World { color: [0.3, 0.2, 0.1], texture: Some(sky), texture_from_world, visible_camera: false, ..World::default() };
+    let world = World {
+        color: [0.3, 0.2, 0.1],
+        texture: Some(sky),
+        texture_from_world,
+        visible_camera: false,
+        ..World::default()
+    };
     builder.set_world(world).unwrap();
     builder.set_camera(camera());
     builder.add_light(Light {

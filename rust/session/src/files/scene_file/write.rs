@@ -1,11 +1,12 @@
 use super::{
     CurvesParts, DESCRIPTION, FORMAT_VERSION, GridParts, GridSetParts, KEY, MeshParts, PointsParts,
-    SceneDescription, SceneHeader,
-    TextureParts, VIEW,
+    SceneDescription, SceneHeader, TextureParts, VIEW,
 };
 use crate::bake::check_scene;
 use bytemuck::{NoUninit, cast_slice};
-use relume_scene::{ColorAttribute, Curves, Grid, GridSet, Material, Mesh, Points, Scene, Texels, Texture, UvMap};
+use relume_scene::{
+    ColorAttribute, Curves, Grid, GridSet, Material, Mesh, Points, Scene, Texels, Texture, UvMap,
+};
 use relume_trace::TraceSettings;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use std::collections::HashMap;
