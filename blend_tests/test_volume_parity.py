@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import relume
 from vdb_file import write_vdb
-from volume_objects import add_file, add_nodes, smoke
+from volume_objects import add_file, add_mesh_to_volume, add_nodes, smoke
 
 from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
@@ -68,15 +68,10 @@ def assert_equal_to_cycles(scene, tmp_path, samples=64):
 
 def test_a_ball_of_mesh_to_volume(scene, tmp_path):
     def ball(tree):
-        sphere, volume, material = (
-            tree.nodes.new(f"GeometryNode{kind}") for kind in ("MeshUVSphere", "MeshToVolume", "SetMaterial")
-        )
+        sphere, material = (tree.nodes.new(f"GeometryNode{kind}") for kind in ("MeshUVSphere", "SetMaterial"))
         sphere.inputs["Radius"].default_value = 1.0
-        if hasattr(volume, "resolution_mode"):
-            volume.resolution_mode = "VOXEL_SIZE"
-        volume.inputs["Voxel Size"].default_value = 0.1
         material.inputs["Material"].default_value = smoke(1.5)[0]
-        tree.links.new(sphere.outputs[0], volume.inputs["Mesh"])
+        volume = add_mesh_to_volume(tree, sphere.outputs[0], 0.1)
         tree.links.new(volume.outputs[0], material.inputs["Geometry"])
         return material.outputs[0]
 
