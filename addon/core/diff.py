@@ -39,8 +39,8 @@ PARTS = {
     ("camera", "lens"): "Lens or focus of the camera changed",
     ("settings", "paths"): "Bounces or filters of the render settings changed",
     ("settings", "override"): "The view layer has another material override",
-    ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
     ("settings", "volumes"): "The view layer shows volumes, or no longer does",
+    ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
     ("collections", "lacking"): "Objects were hidden or shown by their collection",
@@ -52,8 +52,20 @@ PARTS = {
 LATER = {"details", "origins", "lacking", "shading", "override", "volumes"}
 """Parts that the first bakes do not have: there they make no sentence."""
 ORDER = (
-    *("camera", "film", "settings", "collections", "world", "space", "object", "helper", "collection", "instanced"),
-    *("nodes", "texture", "particles", "data", "volume", "material", "image", "sequences", "smoke"),
+    *(
+        "camera",
+        "film",
+        "settings",
+        "collections",
+        "world",
+        "space",
+        "object",
+        "helper",
+        "collection",
+        "instanced",
+        "nodes",
+    ),
+    *("texture", "particles", "data", "volume", "material", "image", "sequences", "smoke"),
 )
 
 

@@ -108,8 +108,8 @@ class _Placed(NamedTuple):
     """Names of attributes that materials can read."""
     material_slot: int = 0
     """Slot of the material of all of it, unless it is a mesh."""
-    grids: int | None = None
-    """Number of the grids of a volume, whose mesh is a box around them."""
+    is_hull: bool = False
+    """True for a box around a volume."""
 
 
 class _SceneExporter:
@@ -187,10 +187,10 @@ class _SceneExporter:
             return
         export = self.volumes.of_object if obj.type == "VOLUME" else self.volumes.of_domain
         if volume := export(obj, self._slots(obj)):
-            factor = density_factor(obj, instance.matrix_world)
-            self._place(instance, _Placed("mesh", volume.mesh, set(), grids=volume.grids), density_factor=factor)
+            settings = {"grids": volume.grids, "density_factor": density_factor(obj, instance.matrix_world)}
+            self._place(instance, _Placed("mesh", volume.mesh, set(), is_hull=True), **settings)
 
-    def _place(self, instance: bpy.types.DepsgraphObjectInstance, placed: _Placed, **medium: float) -> None:
+    def _place(self, instance: bpy.types.DepsgraphObjectInstance, placed: _Placed, **volume: Any) -> None:
         obj = instance.object
         owner = _owner(instance).original
         key = obj.original.session_uid, owner.session_uid, placed.kind, placed.number
@@ -203,27 +203,24 @@ class _SceneExporter:
             [tuple(row) for row in instance.matrix_world],
             shared.materials,
             kind=placed.kind,
-            grids=placed.grids,
             random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(shared.name),
             **shared.settings,
-            **medium,
+            **volume,
         )
 
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed) -> _Shared:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
         warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
-        number = self.materials.number if placed.grids is None else self.materials.number_in_volume
+        number = self.materials.number_in_volume if placed.is_hull else self.materials.number
         materials = [number(material, obj.name) for material in self._slots(obj)]
         if placed.kind != "mesh":
             materials = materials[min(placed.material_slot, len(materials) - 1) :][:1]
         if self.materials.emissive.intersection(materials):
             self._warn_about_emitter(obj)
-        if placed.grids is None:
+        if not placed.is_hull:
             self._warn_about_attributes(obj, placed, materials)
-        is_mesh = placed.kind == "mesh" and placed.grids is None
-        if is_mesh and self.materials.filled.intersection(materials) and is_open(obj.data):
-            self.builder.warn(f"object '{obj.name}': its mesh is open; rays that pass the hole miss or keep its volume")
+            self._warn_about_holes(obj, placed, materials)
         settings = {
             "receiver": self.linking.receiver_number(obj.original, owner),
             "color": tuple(value if isfinite(value) else 0.0 for value in obj.color),
@@ -283,6 +280,10 @@ class _SceneExporter:
             warn(f"object '{name}': light linking of meshes is not supported; it shines on everything")
         if linking.blocker_collection is not None:
             warn(f"object '{name}': shadow linking is not supported; every object blocks its light")
+
+    def _warn_about_holes(self, obj: bpy.types.Object, placed: _Placed, materials: list[int]) -> None:
+        if placed.kind == "mesh" and self.materials.filled.intersection(materials) and is_open(obj.data):
+            self.builder.warn(f"object '{obj.name}': its mesh is open; rays that pass the hole miss or keep its volume")
 
     def _warn_about_attributes(self, obj: bpy.types.Object, placed: _Placed, materials: list[int]) -> None:
         for attributes in (self.materials.attributes[number] for number in materials):

@@ -150,23 +150,6 @@ impl TileSamples {
         });
     }
 
-    /// Goes on with the current path from `vertex`, to which no segment leads.
-    pub fn move_to(&mut self, vertex: Vec3) {
-        if self.path_is_empty {
-            self.records.pop();
-        }
-        let path_start = std::mem::take(&mut self.path_is_empty);
-        let (end, throughput) = (End::Vertex(vertex), Vec3::ZERO);
-        self.records.push(SampleRecord {
-            end,
-            throughput,
-            lobe: None,
-            receiver: 0,
-            path_start,
-            continues: false,
-        });
-    }
-
     /// Adds to the AOVs of the current pixel; once per path.
     pub fn add_aov(&mut self, sample: AovSample) {
         if let Some(sums) = self.aov.last_mut() {

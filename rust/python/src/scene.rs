@@ -208,9 +208,9 @@ impl PySceneBuilder {
             visible_diffuse,
             visible_glossy,
             visible_transmission,
-            grids,
             visible_volume_scatter,
             density_factor,
+            grids,
             ..scene::Instance::new(name, geometry, affine_from_rows(world_from_object), materials)
         };
         enter_native(py, || self.builder.add_instance(instance))

@@ -8,7 +8,7 @@ pub const MOST_RADIANCE: f32 = 1e30;
 /// Something that makes a scene untraceable: which part, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct SceneFault {
-    /// Kind of the part: `"mesh"`, `"curves"`, `"points"`, `"volume"`, `"object"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
+    /// Kind of the part: `"mesh"`, `"curves"`, `"points"`, `"object"`, `"volume"`, `"material"`, `"image"`, `"camera"`, `"world"` or `"scene"`.
     pub part: &'static str,
     /// Name of the part.
     pub name: String,

@@ -29,8 +29,6 @@ pub trait PathSink {
     fn begin_path(&mut self, camera_vertex: Option<Vec3>);
     /// The path's next segment.
     fn push(&mut self, segment: Segment);
-    /// The next segment starts from `vertex`, to which none leads: the path went there inside a body.
-    fn move_to(&mut self, vertex: Vec3);
     /// The path has ended.
     fn end_path(&mut self, aovs: AovSample);
 }
@@ -42,10 +40,6 @@ impl PathSink for TileSamples {
 
     fn push(&mut self, segment: Segment) {
         Self::push(self, segment);
-    }
-
-    fn move_to(&mut self, vertex: Vec3) {
-        Self::move_to(self, vertex);
     }
 
     fn end_path(&mut self, aovs: AovSample) {
@@ -303,7 +297,10 @@ impl Integrator<'_> {
             let Some((exit, draws)) = self.cross_body(path, point, &entry, draws, surface) else {
                 return false;
             };
-            sink.move_to(exit.position);
+            // Lights inside the body do not count: this only leads to where the next segment starts.
+            let (end, throughput) = (End::Vertex(exit.position), Vec3::ZERO);
+            let receiver = self.scene.instances[point.instance as usize].receiver;
+            sink.push(Segment { end, throughput, lobe: Lobe::Diffuse, receiver, continues: false });
             walk.begin_segment(exit.position);
             let [u0, u1, u2, _] = draws.at(0);
             return self.scatter(walk, &exit, [u0, u1, u2], guide, scratch, features, draws, sink);

@@ -95,7 +95,7 @@ class SceneBuilder:
     ) -> None:
         """Places a mesh, or what `kind` says: `curves` or `points`; matrices are rows, one material a slot,
         visibility to camera, diffuse, glossy and transmission rays. The density of a medium inside is multiplied by a
-        factor. `grids`: those of the volume that fills it."""
+        factor; `grids` are those of a volume."""
 
     def add_grid_file(
         self,

@@ -8,6 +8,7 @@ mod color;
 mod constant;
 mod coordinates;
 mod evaluate;
+mod fields;
 mod graph;
 mod hair;
 mod math;

@@ -1,11 +1,11 @@
 use glam::{Affine3A, Mat3A, Vec3, Vec4};
 use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, Grid, GridSet, Instance, Interpolation, Mesh, Points, Scene,
-    UvMap,
+    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Scene, UvMap,
 };
 
 use super::closures::shade;
 use super::evaluate::ShadingContext;
+use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
 use super::tangents::{corner_tangents, spherical_coords};
 use super::texture::{PreparedTexture, equirectangular};
@@ -24,10 +24,9 @@ pub struct PreparedMaterials {
     meshes: Vec<PreparedMesh>,
     curves: Vec<Attributes>,
     points: Vec<Attributes>,
-    /// Of each volume, by attribute name: number of its grid, and voxels from its object's space.
-    grids: Vec<Vec<Option<(usize, Affine3A)>>>,
     /// Object of the world's medium.
     pub(super) space: Instance,
+    fields: PreparedFields,
 }
 
 /// Everything about one mesh that does not depend on the hit.
@@ -104,8 +103,8 @@ impl PreparedMaterials {
                 .collect(),
             curves: scene.curves.iter().map(|curves| attributes_of_curves(curves, &names)).collect(),
             points: scene.points.iter().map(|points| attributes_of_points(points, &names)).collect(),
-            grids: scene.grids.iter().map(|set| fields(set, &names)).collect(),
             space,
+            fields: PreparedFields::new(scene, &names.attributes),
         };
         (prepared, warnings)
     }
@@ -225,16 +224,13 @@ impl PreparedMaterials {
     /// all of red, green and blue.
     pub(crate) fn field(&self, scene: &Scene, instance: u32, name: usize, position: Vec3) -> Option<Vec4> {
         let set = scene.instances.get(instance as usize)?.grids?;
-        let (grid, index_from_object) = self.grids[set][name]?;
-        let set = &scene.grids[set];
-        let voxel = index_from_object.transform_point3(self.object_position(instance, position));
-        Some(set.grids[grid].value(voxel, set.interpolation).extend(1.0))
+        let position = self.object_from_world(instance).transform_point3(position);
+        self.fields.value(scene, set, name, position)
     }
 
     /// The grid with this name number that an instance has.
     pub(crate) fn grid<'a>(&self, scene: &'a Scene, instance: u32, name: usize) -> Option<&'a Grid> {
-        let set = scene.instances.get(instance as usize)?.grids?;
-        self.grids[set][name].map(|(grid, _)| &scene.grids[set].grids[grid])
+        self.fields.grid(scene, scene.instances.get(instance as usize)?.grids?, name)
     }
 
     /// The world's texture, white without one, along the unit `direction` of a ray that leaves the scene.
@@ -313,13 +309,6 @@ impl PreparedMaterials {
     pub(super) fn world_normal(&self, instance: u32, object: Vec3) -> Vec3 {
         (self.transforms[instance as usize].world_from_object_normal * object).normalize_or_zero()
     }
-}
-
-/// Grids of a volume, and voxels from its object's space, by attribute name.
-fn fields(set: &GridSet, names: &Names) -> Vec<Option<(usize, Affine3A)>> {
-    let number = |name: &String| set.grids.iter().position(|grid| grid.name == *name);
-    let field = |name| number(name).map(|grid| (grid, set.grids[grid].object_from_index.inverse()));
-    names.attributes.iter().map(field).collect()
 }
 
 impl PreparedMesh {

@@ -2,7 +2,7 @@
 //!
 //! The models are Cycles': random walks (Chiang, Kutz and Burley, "Practical and Controllable Subsurface Scattering
 //! for Production Path Tracing", SIGGRAPH 2016) and probes of Burley's profile (King et al., "BSSRDF Importance
-//! Sampling", SIGGRAPH 2013). Lights inside a body do not count, so that no segment leads through it.
+//! Sampling", SIGGRAPH 2013). Lights inside a body do not count: the segment through it collects nothing.
 
 mod disk;
 mod medium;
@@ -49,6 +49,8 @@ impl Integrator<'_> {
         surface: &mut Surface,
     ) -> Option<(SurfacePoint, Draws)> {
         let bssrdf = &entry.bssrdf;
+        // As in Cycles, strands and points have no inside.
+        let start = on_triangle(self.scene, point)?;
         let throughput = path.throughput * entry.weight;
         let find = |ray: &Ray| self.bvh.intersect_within(ray, point.instance);
         let draw = |step: u32| draws.at(BODY_GROUP + step * GROUPS_BETWEEN_STEPS);
@@ -62,11 +64,11 @@ impl Integrator<'_> {
             }
             let (medium, throughput) = Medium::new(bssrdf, throughput);
             let from = Some((point.instance, point.primitive));
-            let start = on_triangle(self.scene, point).unwrap_or(point.position);
             let ray = Ray { from, ..Ray::new(start, direction) };
             walk::walk(&medium, ray, point.shading_normal, throughput, find, |step| draw(step + 1))?
         };
         path.throughput = exit.throughput;
+        path.left_out = None;
         // As if the ray had come from outside, so that the side is the outer one.
         let hit = Hit { distance: 0.0, ..exit.hit };
         let exit =

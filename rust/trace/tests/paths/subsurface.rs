@@ -1,6 +1,6 @@
 //! Paths through bodies.
 
-use relume_dump::End;
+use relume_dump::{End, Segment};
 use relume_scene::{
     AlbedoInversion, Input, Instance, Material, Node, Scene, Subsurface, SubsurfaceMethod, SubsurfaceModel,
     glam::{Affine3A, Vec3},
@@ -45,6 +45,16 @@ fn white_world() -> Scene {
 
 fn settings(samples: u32) -> TraceSettings {
     TraceSettings { samples, ..TraceSettings::default() }
+}
+
+/// Segments through bodies, which collect nothing: their numbers, and where they end.
+fn ways_inside(path: &Path) -> Vec<(usize, Vec3)> {
+    let ends = path.segments.iter().enumerate().filter(|(_, segment)| segment.throughput == Vec3::ZERO);
+    let vertex = |(number, segment): (usize, &Segment)| match segment.end {
+        End::Vertex(vertex) => (number, vertex),
+        End::Escape(_) => panic!("a body in nowhere"),
+    };
+    ends.map(vertex).collect()
 }
 
 /// Spheres of radius 1 in a white world, as Cycles of Blender 5.3 renders them with 256 samples: method, how the inside
@@ -111,16 +121,16 @@ fn bodies_that_touch_share_no_light_inside() {
     scene.camera = look_at_origin(Vec3::new(-1.0, -6.0, 1.0), 8, 0.2);
     let mut exits = 0;
     for path in image_paths(&scene, &settings(64)).iter().flatten() {
-        for (before, exit) in &path.moves {
+        for (number, exit) in ways_inside(path) {
             exits += 1;
-            let End::Vertex(entered) = path.segments[before - 1].end else { panic!("a body in nowhere") };
+            let End::Vertex(entered) = path.segments[number - 1].end else { panic!("a body in nowhere") };
             let side = |vertex: Vec3| vertex.x > 0.0;
             // A vertex in the common face belongs to either.
             if entered.x.abs() > 1e-3 && exit.x.abs() > 1e-3 {
-                assert_eq!(side(entered), side(*exit), "{entered} to {exit}");
+                assert_eq!(side(entered), side(exit), "{entered} to {exit}");
             }
-            if let Some(segment) = path.segments.get(*before) {
-                assert!(exit.x.abs() < 1e-3 || usize::from(segment.receiver) == usize::from(side(*exit)));
+            if let Some(segment) = path.segments.get(number + 1) {
+                assert!(exit.x.abs() < 1e-3 || usize::from(segment.receiver) == usize::from(side(exit)));
             }
         }
     }
@@ -133,10 +143,10 @@ fn paths_leave_closed_bodies_on_their_surface() {
     add(&mut scene, sphere(), Affine3A::IDENTITY, body(1.0, 0.2, WALK));
     scene.camera = look_at_origin(Vec3::new(0.0, 0.0, 4.0), 8, 0.2);
     let paths = image_paths(&scene, &settings(256));
-    let ended = paths.iter().flatten().filter(|path| path.moves.is_empty()).count();
+    let ended = paths.iter().flatten().filter(|path| ways_inside(path).is_empty()).count();
     // Of 16384, some come in from below the coarse mesh's horizon, and some walk too long.
     assert!(ended < 100, "{ended} paths ended inside");
-    for (_, exit) in paths.iter().flatten().flat_map(|path| &path.moves) {
+    for (_, exit) in paths.iter().flatten().flat_map(ways_inside) {
         assert!(exit.length() < 1.001 && exit.length() > 0.98, "{exit}");
     }
 }
@@ -148,7 +158,7 @@ fn open_meshes_end_paths() {
     scene.camera = look_at_origin(Vec3::new(0.0, 0.0, 4.0), 8, 0.2);
     for path in image_paths(&scene, &settings(64)).iter().flatten() {
         assert!(path.aovs.world.is_finite());
-        for (_, exit) in &path.moves {
+        for (_, exit) in ways_inside(path) {
             assert!(exit.z.abs() < 1e-4);
         }
     }
@@ -162,13 +172,9 @@ fn channels_without_radius_are_diffuse() {
     scene.camera = look_at_origin(Vec3::new(0.0, 0.0, 4.0), 8, 0.2);
     let paths = image_paths(&scene, &settings(256));
     for path in paths.iter().flatten() {
-        let leaving = path.segments[1..].iter().map(|segment| segment.throughput);
-        for throughput in leaving {
-            let scattered = throughput.x + throughput.z;
-            assert_eq!(
-                (scattered > 0.0, throughput.y > 0.0),
-                (!path.moves.is_empty(), path.moves.is_empty())
-            );
+        let scatters = !ways_inside(path).is_empty();
+        for Segment { throughput, .. } in path.segments[1..].iter().filter(|s| s.throughput != Vec3::ZERO) {
+            assert_eq!((throughput.x + throughput.z > 0.0, throughput.y > 0.0), (scatters, !scatters));
         }
     }
     let green = mean(&paths, |path| path.aovs.world).y;
@@ -184,7 +190,7 @@ fn paths_that_were_scattered_before_find_some_bodies_diffuse() {
         // From inside, every path meets the cube again and again.
         scene.camera = look_at_origin(Vec3::new(0.1, -0.5, 0.2), 4, 0.2);
         let paths = image_paths(&scene, &settings(64));
-        paths.iter().flatten().map(|path| path.moves.len()).max()
+        paths.iter().flatten().map(|path| ways_inside(path).len()).max()
     };
     assert_eq!(walks(true), Some(1));
     assert!(walks(false) > Some(1));

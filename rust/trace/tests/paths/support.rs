@@ -12,8 +12,6 @@ use relume_trace::{PathScratch, PathSink, TraceSettings, Tracer};
 pub struct Path {
     pub start: Option<Vec3>,
     pub segments: Vec<Segment>,
-    /// Vertices that it went to inside a body, each with the number of segments before.
-    pub moves: Vec<(usize, Vec3)>,
     pub aovs: AovSample,
 }
 
@@ -22,17 +20,11 @@ pub struct Recorder(pub Vec<Path>);
 
 impl PathSink for Recorder {
     fn begin_path(&mut self, camera_vertex: Option<Vec3>) {
-        let (segments, moves) = (Vec::new(), Vec::new());
-        self.0.push(Path { start: camera_vertex, segments, moves, aovs: AovSample::default() });
+        self.0.push(Path { start: camera_vertex, segments: Vec::new(), aovs: AovSample::default() });
     }
 
     fn push(&mut self, segment: Segment) {
         self.0.last_mut().unwrap().segments.push(segment);
-    }
-
-    fn move_to(&mut self, vertex: Vec3) {
-        let path = self.0.last_mut().unwrap();
-        path.moves.push((path.segments.len(), vertex));
     }
 
     fn end_path(&mut self, aovs: AovSample) {
