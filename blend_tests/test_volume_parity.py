@@ -11,7 +11,7 @@ from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
 from helpers import add, add_light, add_material, add_quad, render_cycles
 
-PIXELS, BLOCKS, SEEDS = 32, 4, 4
+PIXELS, BLOCKS, SEEDS = 16, 2, 4
 
 
 def set_up(scene, volume_bounces=0):
@@ -44,7 +44,7 @@ def blocks(image):
     return image.reshape(BLOCKS, edge, BLOCKS, edge, 3).mean(axis=(1, 3))
 
 
-def assert_equal_to_cycles(scene, tmp_path, samples=64):
+def assert_equal_to_cycles(scene, tmp_path, samples=16):
     """Compares blocks of both pictures: within three standard errors of independent seeds, and half a percent."""
     bpy.context.view_layer.update()
     found = load_scene(scene)

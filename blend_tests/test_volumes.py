@@ -74,6 +74,7 @@ def test_turned_volumes_lie_where_blender_says(scene):
     volume.grids.load()
     matrix = np.array(volume.grids[0].matrix_object)
     _, _, [grid] = fog_of(scene)
+    matrix[:3, 3] += matrix[:3, :3] @ np.full(3, volumes.SHIFT)
     np.testing.assert_allclose(np.array(grid["object_from_index"]).reshape(4, 3).T, matrix[:3], atol=1e-6)
 
 
@@ -103,7 +104,7 @@ def test_scalars_and_colours_of_a_file_are_read_as_written(scene, tmp_path):
     found, instance, grids = fog_of(scene)
     assert sorted(grid["name"] for grid in grids) == ["color", "density"]
     voxels = np.random.default_rng(1).uniform(0.0, (19.0, 10.0, 8.0), (200, 3))
-    positions = (voxels * 0.1 + (-1.0, -0.5, 0.25)).astype(np.float32)
+    positions = ((voxels + volumes.SHIFT) * 0.1 + (-1.0, -0.5, 0.25)).astype(np.float32)
     density = found.grid_values(instance["grids"], "density", positions)
     np.testing.assert_allclose(density[:, 0], 1.0 + voxels.sum(1), rtol=2e-5)
     np.testing.assert_allclose(found.grid_values(instance["grids"], "color", positions), voxels + 1.0, rtol=2e-5)
@@ -145,7 +146,9 @@ def test_densities_that_are_no_numbers_or_below_0_are_0(scene, tmp_path):
     write_vdb(tmp_path / "smoke.vdb", {"density": density})
     add_file(scene, tmp_path / "smoke.vdb")
     found, instance, _ = fog_of(scene)
-    values = found.grid_values(instance["grids"], "density", np.array([[1, 1, 1], [2, 2, 2], [3, 3, 3]], np.float32))
+    values = found.grid_values(
+        instance["grids"], "density", volumes.SHIFT + np.array([[1, 1, 1], [2, 2, 2], [3, 3, 3]], np.float32)
+    )
     assert values[:, 0].tolist() == [0.0, 0.0, 1.0]
     [warning] = [warning for warning in found.warnings if "'Smoke'" in warning]
     assert "1 values of grid 'density' are not finite numbers; taken as 0" in warning, warning
