@@ -97,7 +97,7 @@ impl Grid {
 
     /// Moves it by so many voxels.
     pub fn shift(&mut self, voxels: Vec3) {
-        self.object_from_index = self.object_from_index * Affine3A::from_translation(voxels);
+        self.object_from_index *= Affine3A::from_translation(voxels);
     }
 
     /// Takes the voxels of a brick for which `is_active` is true, by their places, into the active box.
