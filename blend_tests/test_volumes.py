@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from vdb_file import write_vdb
-from volume_objects import add_file, add_nodes, smoke
+from volume_objects import add_file, add_mesh_to_volume, add_nodes, smoke
 
 from addon.engine.reading.scene import load_scene
 from addon.export import scene as export_of_scenes
@@ -74,17 +74,16 @@ def test_turned_volumes_lie_where_blender_says(scene):
     volume.grids.load()
     matrix = np.array(volume.grids[0].matrix_object)
     _, _, [grid] = fog_of(scene)
+    matrix[:3, 3] += matrix[:3, :3] @ np.full(3, volumes.SHIFT)
     np.testing.assert_allclose(np.array(grid["object_from_index"]).reshape(4, 3).T, matrix[:3], atol=1e-6)
 
 
 def test_a_ball_of_mesh_to_volume_is_1_inside_and_0_outside(scene):
     def ball(tree):
-        sphere, volume = (tree.nodes.new(f"GeometryNode{kind}") for kind in ("MeshUVSphere", "MeshToVolume"))
+        sphere = tree.nodes.new("GeometryNodeMeshUVSphere")
         sphere.inputs["Radius"].default_value = 2.0
-        volume.resolution_mode = "VOXEL_SIZE" if hasattr(volume, "resolution_mode") else None
-        volume.inputs["Voxel Size"].default_value = 0.05
+        volume = add_mesh_to_volume(tree, sphere.outputs[0], 0.05)
         volume.inputs["Interior Band Width"].default_value = 0.2
-        tree.links.new(sphere.outputs[0], volume.inputs["Mesh"])
         return volume.outputs[0]
 
     add_nodes(scene, ball)
@@ -105,7 +104,7 @@ def test_scalars_and_colours_of_a_file_are_read_as_written(scene, tmp_path):
     found, instance, grids = fog_of(scene)
     assert sorted(grid["name"] for grid in grids) == ["color", "density"]
     voxels = np.random.default_rng(1).uniform(0.0, (19.0, 10.0, 8.0), (200, 3))
-    positions = (voxels * 0.1 + (-1.0, -0.5, 0.25)).astype(np.float32)
+    positions = ((voxels + volumes.SHIFT) * 0.1 + (-1.0, -0.5, 0.25)).astype(np.float32)
     density = found.grid_values(instance["grids"], "density", positions)
     np.testing.assert_allclose(density[:, 0], 1.0 + voxels.sum(1), rtol=2e-5)
     np.testing.assert_allclose(found.grid_values(instance["grids"], "color", positions), voxels + 1.0, rtol=2e-5)
@@ -138,20 +137,21 @@ def test_files_that_cannot_be_read_are_named(scene, tmp_path):
     write_vdb(tmp_path / "heat.vdb", {"heat": np.ones((4, 4, 4))})
     smoke.data.filepath = str(tmp_path / "heat.vdb")
     [warning] = [warning for warning in exported(scene)["warnings"] if "'Smoke'" in warning]
-    assert "asks for grids color, density and temperature, and it has heat" in warning, warning
+    assert "asks for grids 'color', 'density' and 'temperature', and it has 'heat'" in warning, warning
 
 
-def test_densities_that_no_volume_has_are_0_and_named(scene, tmp_path):
+def test_densities_that_are_no_numbers_or_below_0_are_0(scene, tmp_path):
     density = np.ones((4, 4, 4), np.float32)
     density[1, 1, 1], density[2, 2, 2] = math.nan, -1.0
     write_vdb(tmp_path / "smoke.vdb", {"density": density})
-    smoke = add_file(scene, tmp_path / "smoke.vdb")
-    smoke.data.render.clipping = -math.inf
+    add_file(scene, tmp_path / "smoke.vdb")
     found, instance, _ = fog_of(scene)
-    values = found.grid_values(instance["grids"], "density", np.array([[1, 1, 1], [2, 2, 2], [3, 3, 3]], np.float32))
+    values = found.grid_values(
+        instance["grids"], "density", volumes.SHIFT + np.array([[1, 1, 1], [2, 2, 2], [3, 3, 3]], np.float32)
+    )
     assert values[:, 0].tolist() == [0.0, 0.0, 1.0]
     [warning] = [warning for warning in found.warnings if "'Smoke'" in warning]
-    assert "2 values of grid 'density' are below 0 or not finite" in warning, warning
+    assert "1 values of grid 'density' are not finite numbers; taken as 0" in warning, warning
 
 
 class FakeGrid(list):

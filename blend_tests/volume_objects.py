@@ -16,6 +16,18 @@ def add_nodes(scene, build):
     return obj
 
 
+def add_mesh_to_volume(tree, mesh, voxel_size):
+    """A node that fills what a socket gives; voxels have a size of their own."""
+    volume = tree.nodes.new("GeometryNodeMeshToVolume")
+    if hasattr(volume, "resolution_mode"):  # Before Blender 5.0.
+        volume.resolution_mode = "VOXEL_SIZE"
+    else:
+        volume.inputs["Resolution Mode"].default_value = "Size"
+    volume.inputs["Voxel Size"].default_value = voxel_size
+    tree.links.new(mesh, volume.inputs["Mesh"])
+    return volume
+
+
 def smoke(density=1.0, color=(0.5, 0.5, 0.5), color_attribute=""):
     """A material of a Principled Volume; returns it, its tree and node."""
     material, tree, output = add_material("Smoke")

@@ -30,6 +30,9 @@ SMOKE = {
 """Names under which shaders ask for the grids of a smoke domain, each with its property, its numbers a voxel, and True
 if noise makes it finer."""
 
+SHIFT = 0.5 if bpy.app.version < (5, 0, 0) else 0.0
+"""Voxels by which Cycles shows the values of a file away from their whole numbers, along each axis."""
+
 Materials = Sequence[bpy.types.Material | None]
 
 
@@ -104,7 +107,7 @@ class VolumeExporter:
             path = os.path.join(folder, "grids.vdb")
             if not obj.data.grids.save(path):
                 raise OSError("the folder for temporary files does not take them; make room there")
-            settings = {"clipping": obj.data.render.clipping, "interpolation": interpolation}
+            settings = {"clipping": obj.data.render.clipping, "interpolation": interpolation, "shift": SHIFT}
             return self.builder.add_grid_file(obj.name, path, wanted, **settings)
 
     def _leave_out(self, obj: bpy.types.Object, reason: str) -> None:

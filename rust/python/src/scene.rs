@@ -274,7 +274,7 @@ impl PySceneBuilder {
         })
     }
 
-    #[pyo3(signature = (name, path, wanted, *, clipping=0.0, interpolation="linear"))]
+    #[pyo3(signature = (name, path, wanted, *, clipping=0.0, interpolation="linear", shift=0.0))]
     fn add_grid_file(
         &mut self,
         py: Python<'_>,
@@ -283,12 +283,16 @@ impl PySceneBuilder {
         wanted: Vec<String>,
         clipping: f32,
         interpolation: &str,
+        shift: f32,
     ) -> PyResult<Option<(usize, usize)>> {
         let interpolation = known("interpolation", interpolation)?;
         enter_native(py, || -> Result<_, NativeError> {
             let bytes = std::fs::read(&path).map_err(|error| invalid(error.to_string()))?;
             let read = scene::GridSet::from_vdb(name, &bytes, &wanted, clipping, interpolation);
-            let (set, refused) = read.map_err(invalid)?;
+            let (mut set, refused) = read.map_err(invalid)?;
+            for grid in &mut set.grids {
+                grid.shift(Vec3::splat(shift));
+            }
             for reason in refused {
                 self.builder.warn(format!("object '{name}': {reason}; left out"));
             }

@@ -105,11 +105,12 @@ class SceneBuilder:
         *,
         clipping: float = 0.0,
         interpolation: Literal["linear", "cubic"] = "linear",
+        shift: float = 0.0,
     ) -> tuple[int, int] | None:
         """Numbers of the wanted grids of an OpenVDB file, and of the mesh of a box around all that their active voxels
         have a part in; None if no voxel is active. Scalars that are not above `clipping` become background.
-        Grids that cannot be read are named in warnings, by the object `name`; ValueError says what is wrong with the
-        file."""
+        Values lie at the whole numbers of the file's index space, shifted by voxels. Grids that cannot be read are
+        named in warnings, by the object `name`; ValueError says what is wrong with the file."""
 
     def add_grid_arrays(
         self,

@@ -95,6 +95,11 @@ impl Grid {
         &self.values[..self.channels]
     }
 
+    /// Moves it by so many voxels.
+    pub fn shift(&mut self, voxels: Vec3) {
+        self.object_from_index *= Affine3A::from_translation(voxels);
+    }
+
     /// Takes the voxels of a brick for which `is_active` is true, by their places, into the active box.
     pub(crate) fn include_active(&mut self, brick: IVec3, is_active: impl Fn(usize) -> bool) {
         let places = (0..BRICK_VOXELS).filter(|place| is_active(*place)).map(|place| {
