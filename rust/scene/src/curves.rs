@@ -190,7 +190,8 @@ mod tests {
 
     #[test]
     fn faults_are_told_in_words() {
-        let changes: [(fn(&mut Curves), &str); 6] = [
+        type Change = fn(&mut Curves);
+        let changes: [(Change, &str); 6] = [
             (|curves| curves.keys[1].y = f32::NAN, "key 1"),
             (|curves| curves.radii[2] = -1.0, "radius of key 2"),
             (|curves| curves.first_keys[1] = 9, "length"),

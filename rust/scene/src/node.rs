@@ -10,6 +10,7 @@ with_sockets! {
     #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
     #[serde(tag = "type", rename_all = "snake_case")]
     #[expect(missing_docs, reason = "the sockets and properties of Blender's nodes of the same name")]
+    #[expect(clippy::large_enum_variant, reason = "a scene has a few hundred nodes")]
     pub enum Node {
         // Closures.
         Principled {

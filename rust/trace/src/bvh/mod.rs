@@ -228,7 +228,7 @@ impl SceneBvh {
             PlacedKind::Strands(set) => {
                 self.tree.strand_sets[set as usize].normal(found.id, found.u, position, direction)
             }
-            _ => self.tree.sphere_blocks[found.block as usize].from_center(found.lane as usize, position),
+            _ => self.tree.sphere_blocks[found.block as usize].radius_vector(found.lane as usize, position),
         };
         let front = object_from_world.matrix3.transpose() * normal;
         let barycentrics = [found.u, found.v];

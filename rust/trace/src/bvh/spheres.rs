@@ -54,7 +54,7 @@ impl SphereBlock {
     }
 
     /// Vector from the centre of a sphere.
-    pub fn from_center(&self, lane: usize, position: Vec3) -> Vec3 {
+    pub fn radius_vector(&self, lane: usize, position: Vec3) -> Vec3 {
         position - Vec3::new(self.center[0].0[lane], self.center[1].0[lane], self.center[2].0[lane])
     }
 }

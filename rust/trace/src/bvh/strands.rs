@@ -304,5 +304,5 @@ fn triangle(a: Vec3, b: Vec3, c: Vec3) -> Option<(f32, f32, f32)> {
     let (second, third) = (r.perp_dot(p) / area, p.perp_dot(q) / area);
     let is_inside = second >= 0.0 && third >= 0.0 && second + third <= 1.0;
     // Of a triangle without area the weights are no numbers.
-    is_inside.then(|| (a.z + (b.z - a.z) * second + (c.z - a.z) * third, second, third))
+    is_inside.then_some((a.z + (b.z - a.z) * second + (c.z - a.z) * third, second, third))
 }

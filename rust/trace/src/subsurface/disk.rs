@@ -75,9 +75,9 @@ pub(super) fn probe(
 
 /// Reach of the profile of a channel that takes part, and a distance from the axis with [`density`].
 fn sample_radius(radius: Vec3, u: f32) -> Option<(f32, f32)> {
-    let channels = radius.to_array().into_iter().filter(|radius| *radius > 0.0);
+    let mut channels = radius.to_array().into_iter().filter(|radius| *radius > 0.0);
     let scaled = u * channels.clone().count() as f32;
-    let chosen = channels.clone().nth(scaled as usize).or(channels.last())?;
+    let chosen = channels.clone().nth(scaled as usize).or(channels.next_back())?;
     // The inverse of 1 - y^3 / 4 - 3 y / 4 with y = exp(-r / 3), by Cardano's formula.
     let beyond = 2.0 * (1.0 - scaled.fract() * SHARE_WITHIN);
     let root = (beyond + (beyond * beyond + 1.0).sqrt()).cbrt();
