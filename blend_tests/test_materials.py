@@ -279,7 +279,7 @@ def test_a_graph_that_is_not_understood_is_grey_and_named_and_the_rest_is_export
                 raise settings
             return {"node": _translation.emit(settings), "output": "color"}
 
-        monkeypatch.setitem(exporter.VALUES, "ShaderNodeTexNoise", translated)
+        monkeypatch.setitem(exporter.TABLES.values, "ShaderNodeTexNoise", translated)
         material, warnings, _ = export()
         assert [node["type"] for node in material["nodes"]] == ["diffuse"]
         (warning,) = warnings
