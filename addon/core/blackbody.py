@@ -49,7 +49,7 @@ def blackbody_color(kelvin: float) -> list[float]:
 
 
 def blackbody_fit(kelvin: float) -> list[float]:
-    """The same as Cycles' volumes have it, with blue a little below 0 where it is coldest."""
+    """Blackbody colour of Cycles' volumes, with blue a little below 0 where it is coldest."""
     if kelvin >= HOTTEST_K:
         return list(HOTTEST)
     if kelvin < COLDEST_K:

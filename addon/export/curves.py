@@ -43,7 +43,7 @@ class CurvesExporter:
         self.shape = strand_shape(scene)
         self.has_normals = asks_for_normals()
         self.known: dict[Any, list[Strands]] = {}
-        """What was exported, by the addresses of evaluated curves or the evaluated object."""
+        """Exported parts, by the addresses of evaluated curves or the evaluated object."""
 
     def of_curves(self, obj: bpy.types.Object) -> list[Strands]:
         """The strands of an evaluated object of type CURVES; none if there is nothing to see."""

@@ -85,7 +85,7 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Images, referred to by [`Node::ImageTexture`] and [`World`].
     pub textures: Vec<Texture>,
-    /// What fills volumes, referred to by [`Instance::grids`].
+    /// Grids that fill volumes, referred to by [`Instance::grids`].
     pub grids: Vec<GridSet>,
     /// World that rays see which leave the scene.
     pub world: World,

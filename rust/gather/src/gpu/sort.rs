@@ -41,7 +41,7 @@ pub struct Blocks {
     pub segments: Vec<[u32; 4]>,
     pub throughput: Vec<u32>,
     pub bounds: Vec<SegmentBounds>,
-    /// Of the last segments, those that continue a ray: metres from where that began to where they start.
+    /// Last segments that continue a ray: metres from where that began to where they start.
     pub behind: Vec<f32>,
 }
 

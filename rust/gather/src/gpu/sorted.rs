@@ -79,7 +79,7 @@ struct SortedChunk {
     bounds: Buffer<SegmentBounds>,
     shards: Buffer<GpuShard>,
     groups: Buffer<GpuGroup>,
-    /// Of the segments that continue a ray, [`Blocks::behind`].
+    /// [`Blocks::behind`] of the segments that continue a ray.
     behind: Buffer<f32>,
 }
 

@@ -12,7 +12,7 @@ impl<'a> Input<'a> {
         Self { bytes, position: 0 }
     }
 
-    /// The same bytes from an offset that the file states.
+    /// Input that starts at an offset that the file states.
     pub fn at(&self, offset: i64) -> Result<Self, String> {
         let position = usize::try_from(offset).ok().filter(|position| *position <= self.bytes.len());
         Ok(Self { bytes: self.bytes, position: position.ok_or(ENDS_EARLY)? })

@@ -21,7 +21,7 @@ pub(super) struct Tile {
     pub is_active: bool,
 }
 
-/// What is told of a tree while its topology is read.
+/// Facts of a tree that are known while its topology is read.
 pub(super) trait Visitor {
     /// A tile that is active, or differs from the background.
     fn tile(&mut self, tile: Tile) -> Result<(), String>;

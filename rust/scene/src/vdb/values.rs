@@ -93,7 +93,7 @@ pub(super) struct ValueReader {
     pub background: Value,
 }
 
-/// What a node's first byte says of its inactive values. Numbers: `io/Compression.h` of OpenVDB.
+/// Meaning of a node's first byte for its inactive values. Numbers: `io/Compression.h` of OpenVDB.
 mod inactive {
     pub const BACKGROUND: u8 = 0;
     pub const ONE: u8 = 2;
