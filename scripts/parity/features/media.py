@@ -28,7 +28,7 @@ def fog_varying(scene):
     tree.links.new(coordinates.outputs["Object"], wave.inputs["Vector"])
     tree.links.new(wave.outputs[1], scale.inputs[0])
     tree.links.new(scale.outputs[0], node.inputs["Density"])
-    stage.add_box(scene, "Fog", 2.0, material)
+    stage.add_box(scene, "Fog", 1.9, material)
     _scatter_often(scene)
     stage.step_finely(scene)
 
@@ -67,7 +67,7 @@ def absorbing_liquid(scene):
 
 def tinted_fog(scene):
     """A cube of fog whose extinction differs by colour."""
-    stage.add_box(scene, "Fog", 2.0, stage.volume("Fog", Color=(0.9, 0.4, 0.6, 1.0), Density=1.0, Anisotropy=0.4)[0])
+    stage.add_box(scene, "Fog", 1.9, stage.volume("Fog", Color=(0.9, 0.4, 0.6, 1.0), Density=1.0, Anisotropy=0.4)[0])
     _scatter_often(scene)
 
 
