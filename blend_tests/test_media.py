@@ -11,7 +11,7 @@ from addon.export import trace_settings
 from cards import node
 from helpers import add_light, add_material, add_quad, background, exported, render_cycles
 
-pytestmark = pytest.mark.every_version
+pytestmark = pytest.mark.oldest_and_newest
 
 SAMPLES = 2048
 
