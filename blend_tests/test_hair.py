@@ -119,7 +119,7 @@ def assert_thirds_are_alike(scene, tmp_path, lights, share=0.01, samples=64, own
     assert (np.abs(ours - cycles) <= allowed).all(), (ours.round(4).tolist(), cycles.round(4).tolist(), errors)
 
 
-@pytest.mark.every_version
+@pytest.mark.oldest_and_newest
 def test_tufts_of_chiang_are_as_bright_as_in_cycles(scene, tmp_path):
     melanin = {"Melanin": 0.4, "Random Roughness": 0.5, "Random Color": 0.5}
     tuft(scene, hair_material("Brown", inputs=melanin, model="CHIANG", parametrization="MELANIN"), -1.0)
@@ -132,7 +132,7 @@ def test_tufts_of_chiang_are_as_bright_as_in_cycles(scene, tmp_path):
 
 
 @HAS_HUANG
-@pytest.mark.every_version
+@pytest.mark.oldest_and_newest
 def test_tufts_of_huang_are_as_bright_as_in_cycles(scene, tmp_path):
     melanin = {"Melanin": 0.4, "Aspect Ratio": 1.0}
     tuft(scene, hair_material("Brown", inputs=melanin, model="HUANG", parametrization="MELANIN"), -1.0)
@@ -186,7 +186,7 @@ def test_nodes_tell_of_strands_and_points_what_they_tell_in_cycles(scene, tmp_pa
     assert_thirds_are_alike(scene, tmp_path, [])
 
 
-@pytest.mark.every_version
+@pytest.mark.oldest_and_newest
 def test_hair_of_particles_with_children_is_as_bright_as_in_cycles(scene, tmp_path):
     ground = meadow(scene, count=30, brownian_factor=0.2, child_type="INTERPOLATED", rendered_child_count=4)
     material = hair_material("Fur", inputs={"Melanin": 0.3, "Random Color": 0.8}, model="CHIANG")
