@@ -16,7 +16,7 @@ PIXELS = 24
 ABOVE = 3.0
 """Height of the camera over the middle, metres."""
 HAS_HUANG = pytest.mark.skipif(
-    bpy.app.version < (4, 5, 0), reason="Cycles has integrated Huang's model over other numbers before Blender 4.5"
+    bpy.app.version < (4, 5, 0), reason="Huang's model is another one before Blender 4.5"
 )
 
 
@@ -132,7 +132,6 @@ def test_tufts_of_chiang_are_as_bright_as_in_cycles(scene, tmp_path):
 
 
 @HAS_HUANG
-@pytest.mark.oldest_and_newest
 def test_tufts_of_huang_are_as_bright_as_in_cycles(scene, tmp_path):
     melanin = {"Melanin": 0.4, "Aspect Ratio": 1.0}
     tuft(scene, hair_material("Brown", inputs=melanin, model="HUANG", parametrization="MELANIN"), -1.0)

@@ -64,10 +64,9 @@ def test_a_body_that_reaches_out_of_fog_is_lit_from_outside_as_in_cycles(scene, 
     tree.links.new(absorbing.outputs[0], output.inputs["Volume"])
     # It begins in the middle of the slab: rays of the camera are in it, and those on to the lamp are not.
     add_box(scene, "Fog", (-0.9, -0.9, -0.025), (0.9, 0.9, 0.3), fog)
-    # What rays meet behind the lamp, so that they do not leave the scene.
-    add_quad(
-        scene, "Floor", size=8.0, material=body_material("Black", "ShaderNodeEmission", Strength=0.0)
-    ).location.z = -0.6
+    # A floor behind the lamp, so that no ray leaves the scene.
+    black = body_material("Black", "ShaderNodeEmission", Strength=0.0)
+    add_quad(scene, "Floor", size=8.0, material=black).location.z = -0.6
     ours, cycles, warnings = pictures(scene, tmp_path / "bake", 512)
     assert warnings == []
     assert cycles.mean() > 0.01
