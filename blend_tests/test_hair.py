@@ -15,9 +15,7 @@ PIXELS = 24
 """Pixels along a picture's side."""
 ABOVE = 3.0
 """Height of the camera over the middle, metres."""
-HAS_HUANG = pytest.mark.skipif(
-    bpy.app.version < (4, 5, 0), reason="Huang's model is another one before Blender 4.5"
-)
+HAS_HUANG = pytest.mark.skipif(bpy.app.version < (4, 5, 0), reason="Huang's model is another one before Blender 4.5")
 
 
 def hair_material(name, kind="ShaderNodeBsdfHairPrincipled", inputs=None, **settings):
