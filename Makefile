@@ -3,8 +3,8 @@
 DEV := $(CURDIR)/.venv-4.2
 PYTHON := $(DEV)/bin/python
 # Blender versions that the tests run on; those whose Python is not here are skipped with a message, but not where CI is set.
-# The oldest and the newest run all tests and come first: they take longest, and two run at a time.
-BLENDERS ?= 4.2 5.3 4.5 5.0 5.2
+# The newest and the oldest run most tests and come first: they take longest, and two run at a time.
+BLENDERS ?= 5.3 4.2 4.5 5.0 5.2
 WHEELS := $(CURDIR)/build/wheels
 SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
 

@@ -12,7 +12,7 @@ import relume
 from addon.commands import run
 from helpers import add_light, add_material, add_quad
 
-pytestmark = pytest.mark.every_version
+pytestmark = pytest.mark.oldest_and_newest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

@@ -13,7 +13,7 @@ from addon.export import images
 from addon.export.images import ImageExporter
 from helpers import add_material, add_quad, render_cycles
 
-pytestmark = pytest.mark.every_version
+pytestmark = pytest.mark.oldest_and_newest
 
 SIZE = 64
 

@@ -16,7 +16,7 @@ from instances import instancing, unlinked
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts" / "parity"))
 from compare import summary  # noqa: E402
 
-pytestmark = pytest.mark.every_version
+pytestmark = pytest.mark.oldest_and_newest
 
 LIGHTS = {
     "point": ("POINT", {"shadow_soft_size": 0.4, "use_soft_falloff": False}),

@@ -23,7 +23,7 @@ from addon.ui import verify as ui
 from addon.viewport import compare
 from helpers import add_light, add_material, add_quad, background, instance_linked_light, render_cycles
 
-pytestmark = pytest.mark.every_version
+pytestmark = pytest.mark.oldest_and_newest
 
 NEUTRAL = {"gains": {}, "world": [1.0, 1.0, 1.0], "static": [1.0, 1.0, 1.0]}
 

@@ -11,6 +11,8 @@ from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
 from helpers import add, add_light, add_material, add_quad, render_cycles
 
+pytestmark = pytest.mark.oldest_and_newest
+
 PIXELS, BLOCKS, SEEDS = 16, 2, 4
 
 

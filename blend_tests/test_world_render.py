@@ -17,7 +17,7 @@ from addon.export.stop import ExportCancelled
 from addon.export.world_graph import WorldGraph, WorldReader
 from helpers import add, add_material, add_quad, add_world, exported, render_cycles
 
-pytestmark = pytest.mark.every_version
+pytestmark = pytest.mark.oldest_and_newest
 
 COLUMNS, ROWS = 32, 16
 WIDTH = 512

@@ -12,7 +12,9 @@ from mathutils import Vector
 
 from make_scene import add, add_camera, add_light, add_room, material, set_up
 
-STRANDS, KEYS = 6000, 8
+STRANDS, KEYS = 12000, 8
+EYE_VERTICES = 200
+"""Each eye is a part of the head's mesh with fewer vertices than this."""
 
 
 def add_skin():
@@ -24,6 +26,18 @@ def add_skin():
     # From Blender 5.2 on the radius is no more divided by 4 pi.
     principled.inputs["Subsurface Scale"].default_value = 0.02 if bpy.app.version >= (5, 2, 0) else 0.25
     return skin
+
+
+def paint_eyes(mesh, look):
+    """Gives the loose parts of a head that are its eyes another material."""
+    mesh.materials.append(look)
+    part = {vertex.index: {vertex.index} for vertex in mesh.vertices}
+    for one, other in (edge.vertices for edge in mesh.edges):
+        if part[one] is not part[other]:
+            part[one] |= part[other]
+            part.update(dict.fromkeys(part[other], part[one]))
+    for face in mesh.polygons:
+        face.material_index = int(len(part[face.vertices[0]]) < EYE_VERTICES)
 
 
 def add_hair_material():
@@ -57,8 +71,8 @@ def add_hair(head, look):
         along = (face.normal + 0.35 * Vector((rng.gauss(0, 1), rng.gauss(0, 1), rng.gauss(0, 1)))).normalized()
         step = rng.uniform(0.35, 0.55) / (KEYS - 1)
         for key in range(KEYS):
-            places += root
-            radii.append(0.0035 * (1.0 - 0.7 * key / (KEYS - 1)))
+            places.extend(root)
+            radii.append(0.003 * (1.0 - 0.7 * key / (KEYS - 1)))
             root = root + along * step
             along = (along + Vector((0.0, 0.05, -0.28))).normalized()
     curves.attributes["position"].data.foreach_set("vector", places)
@@ -77,7 +91,7 @@ def add_fog():
     tree.nodes.clear()
     scatter, output = tree.nodes.new("ShaderNodeVolumeScatter"), tree.nodes.new("ShaderNodeOutputMaterial")
     scatter.inputs["Color"].default_value = (0.9, 0.92, 0.95, 1.0)
-    scatter.inputs["Density"].default_value = 0.09
+    scatter.inputs["Density"].default_value = 0.07
     scatter.inputs["Anisotropy"].default_value = 0.3
     tree.links.new(scatter.outputs[0], output.inputs["Volume"])
     add(bpy.ops.mesh.primitive_cube_add, "Fog", fog, smooth=False, size=4.4, location=(-0.2, 0.0, 2.0))
@@ -97,15 +111,20 @@ def build():
         location=(0.0, 0.5, 0.95),
         rotation=(math.radians(-8), 0.0, math.radians(14)),
     )
+    paint_eyes(head.data, material("Eye", Base_Color=(0.03, 0.015, 0.01, 1.0), Roughness=0.08))
     head.modifiers.new("Subdivision", "SUBSURF").render_levels = 2
     bpy.context.view_layer.update()
     add_hair(head, add_hair_material())
     add_fog()
-    target = (0.0, 0.4, 1.0)
-    add_light("Key", "AREA", (1.9, -1.7, 2.6), target, 120, (1.0, 0.85, 0.7), shape="RECTANGLE", size=1.2, size_y=0.7)
-    add_light("Rim", "SPOT", (-1.2, 1.8, 2.9), target, 260, (0.6, 0.75, 1.0), shadow_soft_size=0.15, spot_size=0.9)
-    add_light("Fill", "POINT", (-1.6, -1.3, 1.2), target, 14, (1.0, 0.5, 0.35), shadow_soft_size=0.3)
-    set_up(add_camera())
+    target = Vector((0.05, 0.45, 1.05))
+    add_light("Key", "AREA", (1.9, -1.5, 2.4), target, 90, (1.0, 0.85, 0.7), shape="RECTANGLE", size=1.2, size_y=0.7)
+    add_light("Rim", "SPOT", (-1.2, 1.7, 2.9), target, 140, (0.55, 0.72, 1.0), shadow_soft_size=0.12, spot_size=0.7)
+    add_light("Fill", "POINT", (-1.7, -1.2, 0.9), target, 7, (1.0, 0.5, 0.35), shadow_soft_size=0.3)
+    camera = add_camera()
+    camera.location = (0.9, -4.3, 1.45)
+    camera.rotation_euler = (target - camera.location).to_track_quat("-Z", "Y").to_euler()
+    camera.data.lens = 45
+    set_up(camera)
     bpy.context.scene.cycles.volume_bounces = 2
 
 

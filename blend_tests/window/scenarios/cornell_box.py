@@ -4,7 +4,6 @@ from visit import visit
 
 NEEDS = ["cornell_box.blend"]
 EVERY_TIME = True
-ON_VULKAN = True
 
 
 def play(driver):

@@ -10,6 +10,7 @@ from driver import ADDON
 
 NEEDS = ["demo.blend"]
 EVERY_TIME = True
+FIRST = True
 SAMPLES = 4096
 """More than are traced in the time of a scenario."""
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import bpy
 import numpy as np
+import relume
 from artist import addon
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from display import in_image_editor, read_exr, write_exr
@@ -27,7 +28,7 @@ class Picture:
         return lambda *_arguments, **_options: 0
 
     def status(self):
-        return addon("engine.native").native().LiveStatus(state="ready")
+        return relume.LiveStatus(state="ready")
 
     def frame(self, newer_than=0):
         return Picture.given if Picture.given and Picture.given.serial > newer_than else None
@@ -282,7 +283,7 @@ def play(driver):
     """See the first line of this file."""
     yield from driver.open("demo.blend")
     shot = addon("engine.shot.shot")
-    shot.native = lambda: SimpleNamespace(Live=Picture)
+    shot.native = lambda: SimpleNamespace(Live=Picture, LiveStatus=relume.LiveStatus)
     Picture.given = frame(1)
     yield from bare_camera_view(driver)
     found = shot.Shot.open(bpy.context.scene)

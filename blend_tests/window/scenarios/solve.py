@@ -10,7 +10,6 @@ from painter import Painter
 from screen import write_png
 
 NEEDS = ["cornell_box.blend"]
-EVERY_TIME = True
 FIRST = True
 SIZE = (160, 160)
 

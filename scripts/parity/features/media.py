@@ -1,6 +1,11 @@
 """Feature scenes of fog, liquids and clouds. Needs `bpy`."""
 
+from pathlib import Path
+
 import bpy
+import numpy as np
+
+from blend_tests.vdb_file import write_vdb
 
 from . import stage
 
@@ -28,7 +33,7 @@ def fog_varying(scene):
     tree.links.new(coordinates.outputs["Object"], wave.inputs["Vector"])
     tree.links.new(wave.outputs[1], scale.inputs[0])
     tree.links.new(scale.outputs[0], node.inputs["Density"])
-    stage.add_box(scene, "Fog", 2.0, material)
+    stage.add_box(scene, "Fog", 1.9, material)
     _scatter_often(scene)
     stage.step_finely(scene)
 
@@ -67,7 +72,7 @@ def absorbing_liquid(scene):
 
 def tinted_fog(scene):
     """A cube of fog whose extinction differs by colour."""
-    stage.add_box(scene, "Fog", 2.0, stage.volume("Fog", Color=(0.9, 0.4, 0.6, 1.0), Density=1.0, Anisotropy=0.4)[0])
+    stage.add_box(scene, "Fog", 1.9, stage.volume("Fog", Color=(0.9, 0.4, 0.6, 1.0), Density=1.0, Anisotropy=0.4)[0])
     _scatter_often(scene)
 
 
@@ -129,6 +134,25 @@ def glowing_cloud(scene):
     node = _add_voxels(scene, "VolumeCube")
     node.inputs["Emission Strength"].default_value = 0.1
     node.inputs["Emission Color"].default_value = (1.0, 0.5, 0.2, 1.0)
+
+
+def smoke_file(scene):
+    """A plume read from an OpenVDB file, with a colour grid."""
+    x, y, z = np.meshgrid(*[np.linspace(-1, 1, 32)] * 3, indexing="ij")
+    radius = np.hypot(x + 0.25 * np.sin(4 * z), y + 0.25 * np.cos(5 * z)) / (0.35 + 0.2 * z)
+    density = np.maximum(1 - radius, 0) * (1.2 + np.sin(9 * x) * np.sin(8 * y + 3 * z))
+    color = np.stack([0.8 + 0.15 * z, 0.75 + 0 * z, 0.8 - 0.15 * z], axis=-1)
+    path = Path(bpy.app.tempdir) / "plume.vdb"
+    write_vdb(path, {"density": density, "color": color}, 2 / 31, (-1.0, -1.0, -1.0))
+    material, _, node = stage.volume("Smoke", "ShaderNodeVolumePrincipled", Density=6.0)
+    node.inputs["Density Attribute"].default_value = "density"
+    node.inputs["Color Attribute"].default_value = "color"
+    volume = bpy.data.volumes.new("Smoke")
+    volume.filepath = str(path)
+    volume.materials.append(material)
+    stage.hunt.add(scene, "Smoke", volume)
+    _scatter_often(scene)
+    stage.step_finely(scene)
 
 
 def phase_functions(scene):
@@ -216,6 +240,7 @@ SCENES = {
         cloud,
         voxel_cube,
         glowing_cloud,
+        smoke_file,
         phase_functions,
     )
 }
