@@ -2,7 +2,7 @@ use glam::{Vec3, Vec4};
 
 use crate::{ColorAttribute, UvMap};
 
-/// Most memory that the tracer takes for a span, bytes: while it builds the tree, as measured with a million strands.
+/// Most memory for a span, bytes, scene included: while its tree is built, measured with 100,000 strands.
 const SPAN_BYTES: u64 = 700;
 /// Memory from which on it is said before a bake, bytes.
 const MUCH_BYTES: u64 = 4 << 30;
