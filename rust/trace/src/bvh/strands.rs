@@ -355,7 +355,7 @@ mod tests {
                 let rounding = f32::EPSILON * place;
                 assert!(piece.reach + moved <= held + rounding, "{piece:?} {held}");
                 assert!(held <= piece.reach + 4.0 * block.step, "{piece:?} {held}");
-                assert!(block.step <= length.mul_add(2.0, reach) / LATTICE * 1.01, "{}", block.step);
+                assert!(block.step <= (2.0 * length + reach) / LATTICE * 1.01, "{}", block.step);
             }
             assert_eq!(block.lane(5).2, 0.0);
         }
