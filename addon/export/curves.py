@@ -87,9 +87,8 @@ class CurvesExporter:
             return []
         arrays = curves_arrays(curves, self.attribute_names)
         if self.has_normals:
-            normals = np.empty(3 * len(curves.points), np.float32)
-            curves.normals.foreach_get("vector", normals)
-            arrays["normals"] = normals.reshape(-1, 3)
+            # One by one: `foreach_get` reads an array that Blender frees before.
+            arrays["normals"] = np.array([normal.vector[:] for normal in curves.normals], np.float32)
         # From Blender 5.0 on.
         is_linear = bpy.app.version >= (5, 0) and _is_poly(curves)
         return self._add(obj, arrays | ({"shape": "linear"} if is_linear else {}), 0)
