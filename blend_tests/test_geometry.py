@@ -348,3 +348,12 @@ def test_shadows_that_hidden_objects_do_not_cast_are_named(scene):
     assert any("'Plane': hidden from diffuse rays" in warning for warning in exported(scene)["warnings"])
     plane.visible_diffuse, plane.visible_camera = True, False
     assert exported(scene)["warnings"] == []
+
+
+def test_a_mesh_is_there_while_it_is_edited(scene):
+    quad = add_quad(scene)
+    quad.modifiers.new("Smooth", "SUBSURF").render_levels = 2
+    bpy.context.view_layer.objects.active = quad
+    bpy.ops.object.mode_set(mode="EDIT")
+    (mesh,) = exported(scene)["meshes"]
+    assert mesh["triangles"] == 32 and mesh["uv_maps"] == ["UVMap"]

@@ -87,15 +87,36 @@ def test_tinted_fog_dims_channels_differently(stage, tmp_path):
     assert_equal_to_cycles(stage, tmp_path)
 
 
-def test_fog_of_the_world(stage, tmp_path):
-    world = stage.world
+def fill_space(scene):
+    """Fills the world with fog."""
+    world = scene.world
     if bpy.app.version < (5, 2, 0):
         world.use_nodes = True
     tree = world.node_tree
     volume = node(tree, "ShaderNodeVolumePrincipled", {"Color": (0.7, 0.8, 0.9, 1.0), "Density": 0.1})
     output = next(found for found in tree.nodes if found.bl_idname == "ShaderNodeOutputWorld")
     tree.links.new(volume.outputs[0], output.inputs["Volume"])
+
+
+def test_fog_of_the_world(stage, tmp_path):
+    fill_space(stage)
     assert_equal_to_cycles(stage, tmp_path)
+
+
+def test_lamps_farther_away_than_fog_was_baked_are_named_and_met_by_another_bake(stage, tmp_path):
+    fill_space(stage)
+    lamp = stage.objects["Lamp"]
+    lamp.data.shadow_soft_size = 8.0
+    settings = trace_settings(stage, lambda _: None) | {"samples": 8}
+    relume.bake(load_scene(stage), tmp_path / "near", settings).wait()
+    lamp.location.z = 60.0
+    far = load_scene(stage)
+    relighter = relume.Relighter(tmp_path / "near")
+    assert relighter.rarely_met() == [] and relighter.rarely_met(far.lights()) == ["Lamp"]
+    assert not relighter.relight(far.lights(), denoise=False)["lights"]["Lamp"].any()
+    relume.bake(far, tmp_path / "far", settings).wait()
+    relighter = relume.Relighter(tmp_path / "far")
+    assert relighter.rarely_met() == [] and relighter.relight(denoise=False)["lights"]["Lamp"].any()
 
 
 def test_coloured_liquid_in_glass(stage, tmp_path):

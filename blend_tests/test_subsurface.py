@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from addon.export.materials.subsurface import model
-from bodies import PIXELS, ball, body_material, columns, corner, half_lit, lit_from_behind, pictures
-from helpers import add_quad, exported
+from bodies import PIXELS, add_box, ball, body_material, columns, corner, half_lit, lit_from_behind, pictures
+from cards import node
+from helpers import add_material, add_quad, exported
 
 pytestmark = pytest.mark.every_version
 
@@ -52,6 +53,22 @@ def test_light_from_behind_comes_through_as_in_cycles(scene, tmp_path, anisotrop
     )
     lit_from_behind(scene, material)
     ours, cycles, _ = pictures(scene, tmp_path / "bake", 512)
+    assert cycles.mean() > 0.01
+    assert_alike(ours, cycles)
+
+
+def test_a_body_that_reaches_out_of_fog_is_lit_from_outside_as_in_cycles(scene, tmp_path):
+    lit_from_behind(scene, body_material("Body", method=LEGACY, Scale=0.5, **SKIN))
+    fog, tree, output = add_material("Fog")
+    absorbing = node(tree, "ShaderNodeVolumeAbsorption", {"Color": (0.5, 0.5, 0.5, 1.0), "Density": 6.0})
+    tree.links.new(absorbing.outputs[0], output.inputs["Volume"])
+    # It begins in the middle of the slab: rays of the camera are in it, and those on to the lamp are not.
+    add_box(scene, "Fog", (-0.9, -0.9, -0.025), (0.9, 0.9, 0.3), fog)
+    # A floor behind the lamp, so that no ray leaves the scene.
+    black = body_material("Black", "ShaderNodeEmission", Strength=0.0)
+    add_quad(scene, "Floor", size=8.0, material=black).location.z = -0.6
+    ours, cycles, warnings = pictures(scene, tmp_path / "bake", 512)
+    assert warnings == []
     assert cycles.mean() > 0.01
     assert_alike(ours, cycles)
 

@@ -57,9 +57,16 @@ class CurvesExporter:
         key = obj.as_pointer(), "particles"
         if key not in self.known:
             self.known[key] = []
+            hair = [modifier for modifier in obj.modifiers if is_rendered_hair(modifier)]
+            if hair and hides_hair(obj):
+                advice = "go to Object Mode, and bake again"
+                self.builder.warn(
+                    f"object '{obj.name}': its particle hair is left out while it is edited, as by Cycles; {advice}"
+                )
+                return []
             first_number = 0
-            for modifier in obj.modifiers:
-                if is_rendered_hair(modifier):
+            for modifier in hair:
+                if len(modifier.particle_system.particles) > 0:
                     arrays = particle_arrays(obj, modifier, self.attribute_names)
                     if arrays is not None:
                         self._say_slow(obj, modifier, len(arrays["keys"]))
@@ -80,9 +87,8 @@ class CurvesExporter:
             return []
         arrays = curves_arrays(curves, self.attribute_names)
         if self.has_normals:
-            normals = np.empty(3 * len(curves.points), np.float32)
-            curves.normals.foreach_get("vector", normals)
-            arrays["normals"] = normals.reshape(-1, 3)
+            # One by one: `foreach_get` reads an array that Blender frees before.
+            arrays["normals"] = np.array([normal.vector[:] for normal in curves.normals], np.float32)
         # From Blender 5.0 on.
         is_linear = bpy.app.version >= (5, 0) and _is_poly(curves)
         return self._add(obj, arrays | ({"shape": "linear"} if is_linear else {}), 0)
@@ -121,12 +127,17 @@ def strand_shape(scene: bpy.types.Scene) -> dict[str, Any]:
     return {"shape": shape, "subdivisions": subdivisions} if shape == "ribbon" else {"shape": shape}
 
 
+def hides_hair(obj: bpy.types.Object) -> bool:
+    """True if an object is in a mode in which Blender evaluates no particle hair, not even for renders."""
+    return obj.mode in {"EDIT", "PARTICLE_EDIT"}
+
+
 def is_rendered_hair(modifier: bpy.types.Modifier) -> bool:
     """True if a modifier is a particle system whose paths Cycles renders."""
     if modifier.type != "PARTICLE_SYSTEM" or not modifier.show_render:
         return False
-    system = modifier.particle_system
-    return system.settings.type == "HAIR" and system.settings.render_type == "PATH" and len(system.particles) > 0
+    settings = modifier.particle_system.settings
+    return settings.type == "HAIR" and settings.render_type == "PATH"
 
 
 def curves_arrays(curves: bpy.types.Curves, attribute_names: Collection[str] = ()) -> dict[str, Any]:

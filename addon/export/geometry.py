@@ -28,9 +28,9 @@ class GeometryExporter:
     def mesh_number(self, obj: bpy.types.Object) -> int | None:
         """Number of the mesh of an evaluated object; None if it has no faces, or damaged ones. Evaluated meshes are
         shared by all instances of one evaluated object and by linked duplicates without modifiers."""
-        mesh = obj.data
-        key = mesh.as_pointer()
+        key = obj.data.as_pointer()
         if key not in self.numbers:
+            mesh = shown_mesh(obj)
             self.numbers[key] = self._add(obj, mesh) if len(mesh.polygons) else None
         return self.numbers[key]
 
@@ -47,6 +47,12 @@ class GeometryExporter:
         if arrays["uv_maps"]:
             self.attributes[number].add(ANY_UV_MAP)
         return number
+
+
+def shown_mesh(obj: bpy.types.Object) -> bpy.types.Mesh:
+    """The mesh of an evaluated object. While it is edited, its data has no arrays: then Blender
+    makes another one, as for Cycles."""
+    return obj.to_mesh() if obj.data.is_editmode else obj.data
 
 
 def is_open(mesh: bpy.types.Mesh) -> bool:

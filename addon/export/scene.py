@@ -14,7 +14,7 @@ import numpy as np
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .curves import CurvesExporter, Strands
-from .geometry import GeometryExporter, is_open
+from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import ImageExporter
 from .left_out import warn_about_mesh
 from .lights import LightExporter
@@ -282,7 +282,7 @@ class _SceneExporter:
             warn(f"object '{name}': shadow linking is not supported; every object blocks its light")
 
     def _warn_about_holes(self, obj: bpy.types.Object, placed: _Placed, materials: list[int]) -> None:
-        if placed.kind == "mesh" and self.materials.filled.intersection(materials) and is_open(obj.data):
+        if placed.kind == "mesh" and self.materials.filled.intersection(materials) and is_open(shown_mesh(obj)):
             self.builder.warn(f"object '{obj.name}': its mesh is open; rays that pass the hole miss or keep its volume")
 
     def _warn_about_attributes(self, obj: bpy.types.Object, placed: _Placed, materials: list[int]) -> None:

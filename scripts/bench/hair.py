@@ -1,25 +1,15 @@
-"""Paths per second on a head of hair, Relume beside Cycles in the same run, in a Python that has `bpy` and the wheel.
+"""A head of hair under a lamp and a sky. Needs `bpy`."""
 
-One JSON line on standard output. Two runs at different sample counts; the slope leaves out reading and trees.
-"""
-
-import argparse
-import json
 import sys
-import tempfile
-import time
 from pathlib import Path
 
 import bpy
 import numpy as np
-import relume
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[2]), str(Path(__file__).resolve().parents[2] / "blend_tests")]
-from addon.engine.reading.scene import load_scene  # noqa: E402
-from addon.export import trace_settings  # noqa: E402
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "blend_tests"))
 from helpers import add_light, add_material, add_world  # noqa: E402
 
-KEYS = 11
+STRANDS, KEYS = 20_000, 11
 RADIUS, LENGTH, THICKNESS = 0.1, 0.15, 4e-5
 """Of the head, its hair and a single hair, metres."""
 
@@ -38,8 +28,8 @@ def strands(count, seed=0):
     return (outwards + 0.8 * LENGTH * share**1.5 * down + wave).astype(np.float32)
 
 
-def make_scene(count, size):
-    """A head of hair under a lamp and a sky."""
+def make_scene(count):
+    """The scene, with so many strands."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.preferences.addon_enable(module="cycles")
     scene = bpy.context.scene
@@ -64,58 +54,5 @@ def make_scene(count, size):
     camera.location, camera.rotation_euler = (0.0, -0.7, 0.05), (np.pi / 2, 0.0, 0.0)
     scene.collection.objects.link(camera)
     scene.camera = camera
-    scene.render.resolution_x = scene.render.resolution_y = size
-    cycles = scene.cycles
-    cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
-    cycles.max_bounces = cycles.diffuse_bounces = 8
+    scene.cycles.max_bounces = scene.cycles.diffuse_bounces = 8
     return scene
-
-
-def cycles_seconds(scene, samples):
-    """Wall seconds of one render by Cycles."""
-    scene.cycles.samples = samples
-    start = time.perf_counter()
-    bpy.ops.render.render()
-    return time.perf_counter() - start
-
-
-def relume_seconds(scene, loaded, samples):
-    """Wall seconds of one bake."""
-    settings = trace_settings(scene, lambda _: None) | {"samples": samples}
-    with tempfile.TemporaryDirectory() as folder:
-        start = time.perf_counter()
-        relume.bake(loaded, Path(folder) / "bake", settings).wait()
-        return time.perf_counter() - start
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--strands", type=int, default=100_000)
-    parser.add_argument("--size", type=int, default=256)
-    parser.add_argument("--samples", type=int, default=32)
-    parser.add_argument("--shape", default="RIBBONS")
-    args = parser.parse_args()
-    scene = make_scene(args.strands, args.size)
-    scene.cycles_curves.shape = args.shape
-    few, many = args.samples // 4, args.samples
-    start = time.perf_counter()
-    loaded = load_scene(scene)
-    read = time.perf_counter() - start
-    ours = [relume_seconds(scene, loaded, samples) for samples in (few, many)]
-    peer = [cycles_seconds(scene, samples) for samples in (few, many)]
-    paths = args.size**2 * (many - few)
-    found = {
-        "strands": args.strands,
-        "shape": args.shape,
-        "read_seconds": round(read, 2),
-        "relume_paths_per_second": round(paths / (ours[1] - ours[0])),
-        "relume_first_seconds": round(ours[0], 2),
-        "peer": f"Cycles {bpy.app.version_string}",
-        "peer_paths_per_second": round(paths / (peer[1] - peer[0])),
-        "peer_first_seconds": round(peer[0], 2),
-    }
-    print(json.dumps(found), flush=True)
-
-
-if __name__ == "__main__":
-    main()

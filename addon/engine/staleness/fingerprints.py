@@ -18,7 +18,7 @@ import bpy
 from ...core.diff import Fingerprint, color_text
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
-from ...export.curves import strand_shape
+from ...export.curves import hides_hair, strand_shape
 from ...export.images import frame_of, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
 from ...export.materials import MaterialExporter
@@ -258,7 +258,8 @@ def _modifier_details(modifier: bpy.types.Modifier) -> list:
     domain = getattr(modifier, "domain_settings", None)
     projectors = [projector.object and projector.object.name_full for projector in getattr(modifier, "projectors", ())]
     system = values(modifier.particle_system) if modifier.type == "PARTICLE_SYSTEM" else []
-    return [drawn_curves(modifier), projectors, system, *([values(domain)] if domain else [])]
+    hidden = [True] if modifier.type == "PARTICLE_SYSTEM" and hides_hair(modifier.id_data) else []
+    return [drawn_curves(modifier), projectors, system, *([values(domain)] if domain else []), *hidden]
 
 
 def _material(material: bpy.types.Material) -> Fingerprint:

@@ -15,6 +15,9 @@ WHITE = [1.0, 1.0, 1.0]
 ROUGH_REFRACTION = 0.6
 """Roughness up to which refraction is as bright as in Cycles to some 2 %."""
 
+MULTIPLE_SCATTERING = "full" if bpy.app.version >= (5, 3, 0) else "dimmed"
+"""Colour of what rough diffuse surfaces scatter more than once."""
+
 # JSON field, socket name, value where this Blender has no such socket.
 PRINCIPLED = (
     ("base_color", "Base Color", [0.8, 0.8, 0.8]),
@@ -46,6 +49,8 @@ PRINCIPLED = (
 
 def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
     fields = {field: t.value(node, socket, context, default) for field, socket, default in PRINCIPLED}
+    if fields["diffuse_roughness"] != 0.0:
+        fields["multiple_scattering"] = MULTIPLE_SCATTERING
     if fields["subsurface_weight"] != 0.0:
         fields["subsurface"] = subsurface(t, node, context, node.subsurface_method, "Subsurface ")
         fields["thin_wall"] = t.value(node, "Thin Wall", context, 0.0)
@@ -122,9 +127,13 @@ ADD: TranslateClosure = _add
 
 
 def _diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
-    is_smooth = t.value(node, "Roughness", context, 0.0) == 0.0
-    kind = "diffuse" if is_smooth or bpy.app.version >= (4, 3, 0) else "single_scattering_diffuse"
-    return _simple(kind, COLOR, ROUGHNESS, NORMAL)(t, node, context)
+    color, normal = t.value(node, "Color", context, [0.8, 0.8, 0.8]), t.value(node, "Normal", context, None)
+    roughness = t.value(node, "Roughness", context, 0.0)
+    fields = {"type": "diffuse", "color": color, "roughness": roughness, "normal": normal}
+    if roughness != 0.0:
+        loses = bpy.app.version < (4, 3, 0)
+        fields |= {"type": "single_scattering_diffuse"} if loses else {"multiple_scattering": MULTIPLE_SCATTERING}
+    return t.emit(fields)
 
 
 def _subsurface(t: Translation, node: bpy.types.Node, context: Context) -> int:

@@ -283,7 +283,7 @@ def play(driver):
     """See the first line of this file."""
     yield from driver.open("demo.blend")
     shot = addon("engine.shot.shot")
-    shot.native = lambda: SimpleNamespace(Live=Picture, LiveStatus=relume.LiveStatus)
+    shot.native = lambda: SimpleNamespace(**vars(relume) | {"Live": Picture})
     Picture.given = frame(1)
     yield from bare_camera_view(driver)
     found = shot.Shot.open(bpy.context.scene)

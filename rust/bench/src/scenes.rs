@@ -43,7 +43,12 @@ fn seen_from_within(
 ) -> anyhow::Result<Scene> {
     let triangles = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
     let mesh = Mesh { name: "walls".into(), positions, triangles, ..Mesh::default() };
-    let diffuse = Node::Diffuse { color: Input::Rgb([0.7; 3]), roughness: Input::Float(0.0), normal: None };
+    let diffuse = Node::Diffuse {
+        color: Input::Rgb([0.7; 3]),
+        roughness: Input::Float(0.0),
+        multiple_scattering: Default::default(),
+        normal: None,
+    };
     let material =
         Material { name: "grey".into(), nodes: vec![diffuse], surface: Some(0), ..Material::default() };
     let mut builder = SceneBuilder::new("Linear Rec.709");

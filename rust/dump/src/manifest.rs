@@ -40,6 +40,10 @@ pub struct Manifest {
     pub world_color: [f32; 3],
     /// Hash of that world's texture and how it is turned, hex. The paths are right for any world.
     pub world_map: String,
+    /// Lower and upper corner of the box, in metres of world space, beyond which no path was recorded; absent unless all
+    /// space is filled with a medium.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<[[f32; 3]; 2]>,
 }
 
 /// A range of samples of every pixel.

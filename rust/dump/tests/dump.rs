@@ -27,6 +27,7 @@ fn manifest() -> Manifest {
         working_space: "Linear Rec.709".into(),
         world_color: [1.0; 3],
         world_map: String::new(),
+        recorded: None,
     }
 }
 

@@ -21,7 +21,12 @@ fn material(node: Node) -> Material {
 }
 
 fn diffuse(albedo: f32) -> Material {
-    material(Node::Diffuse { color: Input::Rgb([albedo; 3]), roughness: Input::Float(0.0), normal: None })
+    material(Node::Diffuse {
+        color: Input::Rgb([albedo; 3]),
+        roughness: Input::Float(0.0),
+        multiple_scattering: Default::default(),
+        normal: None,
+    })
 }
 
 fn glow() -> Material {

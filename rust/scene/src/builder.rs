@@ -163,6 +163,7 @@ impl SceneBuilder {
         if let Some(reason) = curves.fault() {
             return Err(part("curves", &curves.name, reason));
         }
+        curves.memory_warning().into_iter().for_each(|warning| self.warn(warning));
         self.scene.curves.push(curves);
         Ok(self.scene.curves.len() - 1)
     }

@@ -2,6 +2,11 @@ use glam::{Vec3, Vec4};
 
 use crate::{ColorAttribute, UvMap};
 
+/// Most memory for a span, bytes, scene included: while its tree is built, measured with 100,000 strands.
+const SPAN_BYTES: u64 = 700;
+/// Memory from which on it is said before a bake, bytes.
+const MUCH_BYTES: u64 = 4 << 30;
+
 /// Hair curves in object space. Keys of one curve follow each other; a span lies between two keys of one curve and has
 /// the number of its first key.
 #[derive(Clone, Debug, Default)]
@@ -107,6 +112,19 @@ impl Curves {
         StrandLengths { total, before, after }
     }
 
+    /// Words about the memory that they take to trace, if that is much.
+    pub(crate) fn memory_warning(&self) -> Option<String> {
+        let bytes = self.span_count() as u64 * SPAN_BYTES;
+        let (strands, gib) = (self.curve_count(), bytes as f64 / f64::from(1 << 30));
+        (bytes > MUCH_BYTES).then(|| {
+            format!(
+                "curves '{}': {strands} strands take about {gib:.1} GiB of memory when a bake starts; if it ends there, use \
+                 fewer strands, or fewer keys a strand",
+                self.name
+            )
+        })
+    }
+
     /// Fault in words, if there is any.
     pub(crate) fn fault(&self) -> Option<String> {
         let (keys, curves) = (self.keys.len(), self.curve_count());
@@ -163,6 +181,7 @@ impl StrandLengths {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::SceneBuilder;
 
     /// A strand of three keys and one of two.
     fn two() -> Curves {
@@ -186,6 +205,27 @@ mod tests {
         let lengths = two().lengths(0, 1);
         assert_eq!(lengths, StrandLengths { total: 4.0, before: 1.0, after: 4.0 });
         assert_eq!([0.0, 0.5, 1.0].map(|u| lengths.intercept(u)), [0.25, 0.625, 1.0]);
+    }
+
+    #[test]
+    fn much_memory_is_told_by_name_and_little_is_not() {
+        let warnings = |spans: u64| {
+            let keys = spans as usize + 1;
+            let curves = Curves {
+                name: "Fur".into(),
+                keys: vec![Vec3::ZERO; keys],
+                radii: vec![0.0; keys],
+                first_keys: vec![0, keys as u32],
+                ..Curves::default()
+            };
+            let mut builder = SceneBuilder::default();
+            builder.add_curves(curves).unwrap();
+            builder.build_world().warnings
+        };
+        let limit = MUCH_BYTES / SPAN_BYTES;
+        assert!(warnings(limit).is_empty());
+        let found = warnings(limit + 1);
+        assert!(found[0].starts_with("curves 'Fur': 1 strands take about 4.0 GiB"), "{found:?}");
     }
 
     #[test]

@@ -51,7 +51,7 @@ pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use node::Node;
 pub use node_settings::{
     Alpha, BlendMode, ColorMode, Curve, Distribution, MapRangeKind, MappingKind, MathOp, MetalFresnel,
-    MixData, NormalSpace, SheenModel, TexCoord, ToonComponent, VectorMathOp,
+    MixData, MultipleScattering, NormalSpace, SheenModel, TexCoord, ToonComponent, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use phase::PhaseFunction;

@@ -1,8 +1,8 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
-    MappingKind, MathOp, MetalFresnel, MixData, NodeId, NormalSpace, PhaseFunction, PrincipledHair,
-    Procedural, SheenModel, Subsurface, TexCoord, ToonComponent, VectorMathOp,
+    MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction,
+    PrincipledHair, Procedural, SheenModel, Subsurface, TexCoord, ToonComponent, VectorMathOp,
 };
 
 with_sockets! {
@@ -18,6 +18,8 @@ with_sockets! {
             metallic: Input,
             roughness: Input,
             diffuse_roughness: Input,
+            #[serde(default, skip_serializing_if = "MultipleScattering::is_default")]
+            multiple_scattering: MultipleScattering,
             ior: Input,
             alpha: Input,
             normal: Option<Input>,
@@ -49,6 +51,8 @@ with_sockets! {
         Diffuse {
             color: Input,
             roughness: Input,
+            #[serde(default, skip_serializing_if = "MultipleScattering::is_default")]
+            multiple_scattering: MultipleScattering,
             normal: Option<Input>,
         },
         /// The Diffuse BSDF of Blender 4.2, whose rough surfaces lose what is scattered more than once.

@@ -45,6 +45,23 @@ pub enum ToonComponent {
     Glossy,
 }
 
+/// Colour of what a rough diffuse surface scatters more than once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MultipleScattering {
+    /// Dimmed by the surface's colour once more than it is scattered, as in Blender before 5.3.
+    #[default]
+    Dimmed,
+    /// Dimmed by the colour each time that it is scattered.
+    Full,
+}
+
+impl MultipleScattering {
+    pub(crate) fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Reading of an image's alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]

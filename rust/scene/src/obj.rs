@@ -6,7 +6,7 @@
 
 use crate::{
     Alpha, BuildError, Distribution, Extension, FileColors, Input, Instance, Interpolation, Material, Mesh,
-    Node, Output, PictureFile, SceneBuilder, UvMap,
+    MultipleScattering, Node, Output, PictureFile, SceneBuilder, UvMap,
 };
 use glam::{Affine3A, Vec2, Vec3};
 use std::collections::HashMap;
@@ -171,6 +171,7 @@ fn principled(mtl: &tobj::Material, texture: Option<usize>) -> Material {
         metallic: Input::Float(metallic.clamp(0.0, 1.0)),
         roughness: Input::Float(roughness.clamp(0.0, 1.0)),
         diffuse_roughness: Input::Float(0.0),
+        multiple_scattering: MultipleScattering::default(),
         ior: Input::Float(mtl.optical_density.filter(|ior| *ior >= 1.0).unwrap_or(1.5)),
         alpha: Input::Float(if transmissive { 1.0 } else { mtl.dissolve.unwrap_or(1.0).clamp(0.0, 1.0) }),
         normal: None,

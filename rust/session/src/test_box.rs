@@ -16,7 +16,12 @@ fn closed_box((width, height): (usize, usize)) -> Result<Scene, SessionError> {
         triangles: sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect(),
         ..Mesh::default()
     };
-    let diffuse = Node::Diffuse { color: Input::Rgb([0.7; 3]), roughness: Input::Float(0.0), normal: None };
+    let diffuse = Node::Diffuse {
+        color: Input::Rgb([0.7; 3]),
+        roughness: Input::Float(0.0),
+        multiple_scattering: Default::default(),
+        normal: None,
+    };
     let material =
         Material { name: "grey".into(), nodes: vec![diffuse], surface: Some(0), ..Material::default() };
     let mut builder = SceneBuilder::new("Linear Rec.709");

@@ -297,11 +297,7 @@ impl Integrator<'_> {
             let Some((exit, draws)) = self.cross_body(path, point, &entry, draws, surface) else {
                 return false;
             };
-            // Lights inside the body do not count: this only leads to where the next segment starts.
-            let (end, throughput) = (End::Vertex(exit.position), Vec3::ZERO);
-            let receiver = self.scene.instances[point.instance as usize].receiver;
-            sink.push(Segment { end, throughput, lobe: Lobe::Diffuse, receiver, continues: false });
-            walk.begin_segment(exit.position);
+            self.leave_body(walk, point, &exit, sink);
             let [u0, u1, u2, _] = draws.at(0);
             return self.scatter(walk, &exit, [u0, u1, u2], guide, scratch, features, draws, sink);
         }

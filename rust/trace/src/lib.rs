@@ -28,5 +28,6 @@ mod vertex;
 
 pub use guide::{Guide, hit_probability};
 pub use integrator::{PathScratch, PathSink};
+pub use media::reaches_beyond;
 pub use render::{Control, TraceError, TraceOutcome, TraceProgress, Tracer, guide_targets, manifest, trace};
 pub use settings::TraceSettings;

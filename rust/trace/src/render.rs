@@ -5,6 +5,7 @@ use std::sync::{
     atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
 };
 
+use glam::Vec3;
 use relume_dump::{DumpError, FORMAT_VERSION, Manifest, Pass, ShardSink, TileRect, TileSamples};
 use relume_scene::{Light, Scene};
 
@@ -14,7 +15,7 @@ use crate::{
     environment::EnvironmentLight,
     guide::Guide,
     integrator::{Integrator, PathScratch, PathSink},
-    media::Media,
+    media::{Bounds, Media},
     sampler::PixelSampler,
     settings::TraceSettings,
     shading::PreparedMaterials,
@@ -198,6 +199,7 @@ pub fn guide_targets(scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
 pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
     let camera = &scene.camera;
     let is_pinhole = CameraSampler::new(camera, settings.paths.filter).is_pinhole();
+    let is_filled = scene.world.volume.is_some_and(|material| scene.materials[material].volume.is_some());
     Manifest {
         format_version: FORMAT_VERSION,
         scene_hash: scene.hash(),
@@ -213,6 +215,8 @@ pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
         working_space: scene.working_space.clone(),
         world_color: world_color(scene, settings),
         world_map: scene.world_map(),
+        recorded: is_filled
+            .then(|| Bounds::of_scene(scene, &guide_targets(scene, settings)).corners().map(Vec3::into)),
     }
 }
 

@@ -17,65 +17,77 @@ impl Span {
         Self { keys, is_linear: shape == StrandShape::Linear }
     }
 
-    fn blend(&self, weights: [f32; 4]) -> Vec4 {
+    /// The axis as a polynomial.
+    #[inline]
+    pub fn axis(&self) -> Axis {
         let [a, b, c, d] = self.keys;
-        a * weights[0] + b * weights[1] + c * weights[2] + d * weights[3]
+        let zero = Vec4::ZERO;
+        if self.is_linear {
+            return Axis { powers: [b, c - b, zero, zero] };
+        }
+        let square = a - 2.5 * b + 2.0 * c - 0.5 * d;
+        Axis { powers: [b, 0.5 * (c - a), square, 0.5 * (d - a) + 1.5 * (b - c)] }
     }
 
-    /// Position and radius at `u` in 0..1. The spline may overshoot, the radius not below 0.
+    /// Position and radius at `u` in 0..1.
     pub fn at(&self, u: f32) -> Vec4 {
-        if self.is_linear {
-            return self.keys[1].lerp(self.keys[2], u);
-        }
-        let (square, cube) = (u * u, u * u * u);
-        let weights = [
-            0.5 * (2.0 * square - u - cube),
-            0.5 * (2.0 - 5.0 * square + 3.0 * cube),
-            0.5 * (u + 4.0 * square - 3.0 * cube),
-            0.5 * (cube - square),
-        ];
-        let mut at = self.blend(weights);
-        at.w = at.w.max(0.0);
-        at
-    }
-
-    /// First derivative at `u`.
-    pub fn derivative(&self, u: f32) -> Vec4 {
-        if self.is_linear {
-            return self.keys[2] - self.keys[1];
-        }
-        let square = u * u;
-        self.blend([
-            0.5 * (4.0 * u - 1.0 - 3.0 * square),
-            0.5 * (9.0 * square - 10.0 * u),
-            0.5 * (1.0 + 8.0 * u - 9.0 * square),
-            0.5 * (3.0 * square - 2.0 * u),
-        ])
-    }
-
-    /// Second derivative at `u`.
-    pub fn second_derivative(&self, u: f32) -> Vec4 {
-        if self.is_linear {
-            return Vec4::ZERO;
-        }
-        self.blend([2.0 - 3.0 * u, 9.0 * u - 5.0, 4.0 - 9.0 * u, 3.0 * u - 1.0])
+        self.axis().at(u)
     }
 
     /// Direction along the axis at `u`, of any length; where keys coincide, that of the whole span.
     pub fn tangent(&self, u: f32) -> Vec3 {
-        let along = self.derivative(u).truncate();
+        self.tangent_of(self.axis().derivative(u))
+    }
+
+    /// See [`Self::tangent`], from the derivative there.
+    #[inline]
+    pub fn tangent_of(&self, derivative: Vec4) -> Vec3 {
+        let along = derivative.truncate();
         if along.length_squared() > 1e-12 * self.chord().length_squared() { along } else { self.chord() }
     }
 
+    #[inline]
     fn chord(&self) -> Vec3 {
         (self.keys[2] - self.keys[1]).truncate()
     }
 
     /// Control points in the Bernstein basis of the part from `start` to `end`, whose hull holds the part.
     pub fn hull(&self, start: f32, end: f32) -> [Vec4; 4] {
-        let third = (end - start) / 3.0;
-        let (first, last) = (self.at(start), self.at(end));
-        [first, first + self.derivative(start) * third, last - self.derivative(end) * third, last]
+        let (axis, third) = (self.axis(), (end - start) / 3.0);
+        let (first, last) = (axis.at(start), axis.at(end));
+        [first, first + axis.derivative(start) * third, last - axis.derivative(end) * third, last]
+    }
+}
+
+/// Axis of a [`Span`] as a polynomial of the place along it, which is quick where it is asked for several places.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Axis {
+    /// Factors of the powers of `u`, from the constant on.
+    powers: [Vec4; 4],
+}
+
+impl Axis {
+    /// Position and radius at `u` in 0..1. The spline may overshoot, the radius not below 0.
+    #[inline]
+    pub fn at(&self, u: f32) -> Vec4 {
+        let [a, b, c, d] = self.powers;
+        let mut at = ((d * u + c) * u + b) * u + a;
+        at.w = at.w.max(0.0);
+        at
+    }
+
+    /// First derivative at `u`.
+    #[inline]
+    pub fn derivative(&self, u: f32) -> Vec4 {
+        let [_, b, c, d] = self.powers;
+        (d * (3.0 * u) + c * 2.0) * u + b
+    }
+
+    /// Second derivative at `u`.
+    #[inline]
+    pub fn second_derivative(&self, u: f32) -> Vec4 {
+        let [_, _, c, d] = self.powers;
+        d * (6.0 * u) + c * 2.0
     }
 }
 
@@ -99,13 +111,14 @@ mod tests {
         assert!(
             (span.at(0.0) - span.keys[1]).length() < 1e-6 && (span.at(1.0) - span.keys[2]).length() < 1e-6
         );
-        assert!((span.derivative(0.0) - 0.5 * (span.keys[2] - span.keys[0])).length() < 1e-6);
-        assert!((span.derivative(1.0) - 0.5 * (span.keys[3] - span.keys[1])).length() < 1e-6);
+        let axis = span.axis();
+        assert!((axis.derivative(0.0) - 0.5 * (span.keys[2] - span.keys[0])).length() < 1e-6);
+        assert!((axis.derivative(1.0) - 0.5 * (span.keys[3] - span.keys[1])).length() < 1e-6);
     }
 
     #[test]
     fn derivatives_are_those_of_finite_differences() {
-        let (span, step) = (bent(), 1e-2);
+        let (span, step) = (bent().axis(), 1e-2);
         for u in [0.2, 0.5, 0.9] {
             let first = (span.at(u + step) - span.at(u - step)) / (2.0 * step);
             let second = (span.derivative(u + step) - span.derivative(u - step)) / (2.0 * step);

@@ -12,14 +12,17 @@ def _body(name, color, scale, method="RANDOM_WALK", radius=RED_FIRST, anisotropy
     material, tree, output = stage.hunt.new_material(name)
     node = tree.nodes.new("ShaderNodeBsdfPrincipled")
     node.subsurface_method = method
-    for key, value in {
+    inputs = {
         "Base Color": (*color, 1.0),
         "Subsurface Weight": 1.0,
         "Subsurface Radius": radius,
         "Subsurface Scale": scale,
-        "Subsurface Anisotropy": anisotropy,
         "Roughness": roughness,
-    }.items():
+    }
+    # Blender 4.2 has no such socket where the method does not use it.
+    if anisotropy != 0.0:
+        inputs["Subsurface Anisotropy"] = anisotropy
+    for key, value in inputs.items():
         node.inputs[key].default_value = value
     tree.links.new(node.outputs[0], output.inputs["Surface"])
     return material

@@ -73,6 +73,7 @@ impl Room {
             working_space: String::new(),
             world_color: [1.0; 3],
             world_map: String::new(),
+            recorded: None,
         };
         let writer = MemoryWriter::new(manifest.clone())?;
         let write = |tile| writer.write(tile, 0, &self.samples_of_tile(&manifest, tile));

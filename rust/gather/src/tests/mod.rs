@@ -35,6 +35,7 @@ pub fn manifest(size: usize, samples: &[u32]) -> Manifest {
         working_space: "Linear Rec.709".into(),
         world_color: [1.0; 3],
         world_map: String::new(),
+        recorded: None,
     }
 }
 

@@ -8,7 +8,7 @@ use crate::files::names::GUIDED_FILE;
 use glam::Vec3;
 use relume_dump::{Aovs, Manifest};
 use relume_scene::{Camera, Light, LightShape};
-use relume_trace::{Guide, TraceSettings, hit_probability};
+use relume_trace::{Guide, TraceSettings, hit_probability, reaches_beyond};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::VecDeque;
@@ -107,6 +107,8 @@ pub(crate) struct GuideCoverage {
     lights: Vec<Light>,
     points: Vec<Vec3>,
     guiding: f32,
+    /// [`Manifest::recorded`].
+    recorded: Option<[[f32; 3]; 2]>,
     /// Answers about recent shapes, newest first.
     known: Mutex<VecDeque<(LightShape, Option<UnderSampled>)>>,
 }
@@ -130,6 +132,7 @@ impl GuideCoverage {
             lights,
             points: seen_points(aovs, camera, POINTS),
             guiding: guiding_record.guiding,
+            recorded: manifest.recorded,
             known: Mutex::default(),
         }
     }
@@ -167,6 +170,9 @@ impl GuideCoverage {
     /// True if paths guided towards these lights, with this share of their directions, would have much less noise.
     pub fn would_gain(&self, lights: &[Light], guiding: f32) -> bool {
         lights.iter().any(|light| {
+            if self.is_beyond_fog(light) {
+                return true;
+            }
             let hits = self.hits(light).filter(|hits| *hits < ENOUGH_HITS);
             let new = self.hits_with(lights, light, guiding);
             hits.zip(new).is_some_and(|(hits, new)| new > WORTH_NEW_PATHS * hits)
@@ -191,7 +197,17 @@ impl GuideCoverage {
         answer
     }
 
+    /// True if part of a light is farther away than paths were recorded in fog that fills all space.
+    fn is_beyond_fog(&self, light: &Light) -> bool {
+        light.radiance != [0.0; 3]
+            && self.recorded.is_some_and(|recorded| reaches_beyond(&light.shape, recorded))
+    }
+
     fn find_under_sampled(&self, light: &Light) -> Option<UnderSampled> {
+        let samples = self.samples().max(FEWEST_SAMPLES);
+        if self.is_beyond_fog(light) {
+            return Some(UnderSampled { hits: 0.0, is_beyond_fog: true, guiding_helps: true, samples });
+        }
         let hits = self.hits(light).filter(|hits| *hits < LEAST_HITS)?;
         let guiding = if self.guiding > 0.0 { self.guiding } else { TraceSettings::default().guiding };
         // Other lights have their shares of the directions as well.
@@ -199,7 +215,7 @@ impl GuideCoverage {
         let lights: Vec<Light> = others.chain([light.clone()]).collect();
         let hits_of_new = self.hits_with(&lights, light, guiding);
         let guiding_helps = hits_of_new.is_some_and(|hits| hits >= LEAST_HITS);
-        Some(UnderSampled { hits, guiding_helps, samples: self.samples().max(FEWEST_SAMPLES) })
+        Some(UnderSampled { hits, is_beyond_fog: false, guiding_helps, samples })
     }
 }
 
@@ -208,6 +224,8 @@ impl GuideCoverage {
 pub(crate) struct UnderSampled {
     /// Paths of a lit pixel that meet it.
     hits: f32,
+    /// True if it is farther away than fog was recorded.
+    is_beyond_fog: bool,
     /// True if new paths would meet it when guided towards it.
     pub guiding_helps: bool,
     samples: u32,
@@ -216,6 +234,13 @@ pub(crate) struct UnderSampled {
 impl UnderSampled {
     /// Warning for the user.
     pub fn warning(&self, light: &Light) -> String {
+        if self.is_beyond_fog {
+            let advice = "bake again (Rebake), and it is recorded as far as there";
+            return format!(
+                "light '{}' is farther away than the world's fog was baked and is missing; {advice}",
+                light.name
+            );
+        }
         let advice = match light.shape {
             _ if self.guiding_helps => "bake again (Rebake), and paths look for it there".to_string(),
             LightShape::Sun { .. } => {
@@ -247,6 +272,20 @@ mod tests {
             lobes: LobeFactors::default(),
             receivers: None,
         }
+    }
+
+    #[test]
+    fn lights_beyond_the_fog_that_was_recorded_are_named_however_large_they_are() {
+        let fog = Some([[-3.0; 3], [3.0; 3]]);
+        let coverage = GuideCoverage { recorded: fog, ..coverage(&GuidingRecord::default()) };
+        let (near, far) = (lamp(0.0, 0.5), lamp(5.0, 1.0));
+        assert!(coverage.under_sampled(&near).is_none() && !coverage.would_gain(&[near], 0.0));
+        let beyond = coverage.under_sampled(&far).unwrap();
+        let words =
+            "light 'lamp 5' is farther away than the world's fog was baked and is missing; bake again";
+        assert!(beyond.guiding_helps && beyond.warning(&far).starts_with(words), "{}", beyond.warning(&far));
+        assert!(coverage.would_gain(std::slice::from_ref(&far), 0.0));
+        assert!(coverage.under_sampled(&Light { radiance: [0.0; 3], ..far }).is_none());
     }
 
     /// A wall 4 m in front of a camera, in passes of 16 and 48 paths.
@@ -287,6 +326,7 @@ mod tests {
             working_space: String::new(),
             world_color: [1.0; 3],
             world_map: String::new(),
+            recorded: None,
         };
         GuideCoverage::new(guiding_record, &manifest, &aovs, &camera)
     }

@@ -4,6 +4,7 @@
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
 
 use glam::Vec3;
+use relume_scene::MultipleScattering;
 
 /// A rough diffuse surface.
 #[derive(Clone, Copy, Debug)]
@@ -16,8 +17,9 @@ pub struct OrenNayar {
 }
 
 impl OrenNayar {
-    /// A surface of perceptual `roughness` 0..1 and the given albedo `color`, seen from `wo`.
-    pub fn new(normal: Vec3, roughness: f32, color: Vec3, wo: Vec3) -> Self {
+    /// A surface of perceptual `roughness` 0..1 and the given albedo `color`, seen from `wo`. The closure's weight is
+    /// to hold `color` once.
+    pub fn new(normal: Vec3, roughness: f32, color: Vec3, multiple: MultipleScattering, wo: Vec3) -> Self {
         let sigma = roughness.clamp(0.0, 1.0);
         let a = 1.0 / (PI + sigma * (FRAC_PI_2 - 2.0 / 3.0));
         let b = sigma * a;
@@ -25,8 +27,11 @@ impl OrenNayar {
         let mean = a * PI + (TAU - 5.6) / 3.0 * b;
         let surface = Self { normal, a, b, multiple: Vec3::ZERO };
         let missing = 1.0 - surface.single_albedo(normal.dot(wo).max(0.0));
-        let multiple =
-            FRAC_1_PI * color * color * (mean / (1.0 - mean)) / (1.0 - color * (1.0 - mean)) * missing;
+        let dimmed = match multiple {
+            MultipleScattering::Full => color,
+            MultipleScattering::Dimmed => color * color,
+        };
+        let multiple = FRAC_1_PI * dimmed * (mean / (1.0 - mean)) / (1.0 - color * (1.0 - mean)) * missing;
         Self { multiple, ..surface }
     }
 
@@ -55,5 +60,48 @@ impl OrenNayar {
             sin * (cos.acos() - 2.0 / 3.0 - sin * cos) + 2.0 / 3.0 * (sin / cos) * (1.0 - sin * sin * sin)
         };
         self.a * PI + self.b * g
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STEPS: usize = 24;
+
+    /// Albedo under light from all sides, seen from all sides, by quadrature.
+    fn mean_albedo(color: f32, multiple: MultipleScattering) -> f32 {
+        let directions = |count: usize| {
+            // A cosine's density, so that each direction counts alike.
+            (0..STEPS * count).map(move |i| {
+                let u = [i % STEPS, i / STEPS];
+                let height = (u[0] as f32 + 0.5) / STEPS as f32;
+                let (sin, cos) = (TAU * (u[1] as f32 + 0.5) / count as f32).sin_cos();
+                let r = height.sqrt();
+                Vec3::new(r * cos, r * sin, (1.0 - height).sqrt())
+            })
+        };
+        let mut sum = 0.0;
+        for wo in directions(1) {
+            let surface = OrenNayar::new(Vec3::Z, 0.9, Vec3::splat(color), multiple, wo);
+            sum += directions(STEPS).map(|wi| surface.eval(wo, wi).x / wi.z * PI).sum::<f32>();
+        }
+        color * sum / (STEPS * STEPS * STEPS) as f32
+    }
+
+    #[test]
+    fn what_is_scattered_again_is_dimmed_each_time() {
+        // What each bounce lets out of the surface: the single scattering of one that is nearly black.
+        let out = mean_albedo(1e-4, MultipleScattering::Full) / 1e-4;
+        assert!(0.6 < out && out < 0.9, "{out}");
+        for color in [0.2, 0.5, 0.8, 1.0f32] {
+            // The sum over bounces of color * out * (color * (1 - out))^n.
+            let series = color * out / (1.0 - color * (1.0 - out));
+            let full = mean_albedo(color, MultipleScattering::Full);
+            assert!((full - series).abs() < 2e-3, "{full} {series}");
+            let dimmed = mean_albedo(color, MultipleScattering::Dimmed);
+            let once = color * out;
+            assert!((dimmed - (once + color * (series - once))).abs() < 2e-3, "{dimmed}");
+        }
     }
 }

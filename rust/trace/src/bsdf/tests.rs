@@ -5,6 +5,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 use relume_dump::Lobe;
+use relume_scene::MultipleScattering;
 
 use super::*;
 use crate::shading::SurfacePoint;
@@ -72,9 +73,13 @@ fn models() -> Vec<(&'static str, Build)> {
     use SlopeDistribution::{Beckmann, Ggx};
     vec![
         ("diffuse", |_| Scatter::Diffuse),
-        ("oren-nayar", |wo| Scatter::OrenNayar(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, wo))),
+        ("oren-nayar", |wo| {
+            Scatter::OrenNayar(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, MultipleScattering::Full, wo))
+        }),
         ("translucent", |_| Scatter::Translucent),
-        ("rough translucent", |wo| Scatter::RoughTranslucent(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, wo))),
+        ("rough translucent", |wo| {
+            Scatter::RoughTranslucent(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, MultipleScattering::Full, wo))
+        }),
         ("sheen smooth", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.3, wo).unwrap().0)),
         ("sheen rough", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.9, wo).unwrap().0)),
         ("velvet", |_| Scatter::Velvet(Velvet::new(Vec3::Z, 0.5))),

@@ -3,6 +3,8 @@
 
 use std::{arch::x86_64::*, mem::MaybeUninit};
 
+use glam::Vec3;
+
 use super::{
     Ray,
     strands::{SLACK, StrandBlock, StrandRay},
@@ -51,7 +53,7 @@ fn store(value: __m256) -> BvhLanes {
 }
 
 #[inline(always)]
-fn splat(vector: glam::Vec3) -> V3 {
+fn splat(vector: Vec3) -> V3 {
     // SAFETY: the caller runs with AVX2.
     unsafe { [_mm256_set1_ps(vector.x), _mm256_set1_ps(vector.y), _mm256_set1_ps(vector.z)] }
 }
@@ -72,6 +74,22 @@ fn cross(a: V3, b: V3) -> V3 {
 fn dot(a: V3, b: V3) -> __m256 {
     // SAFETY: the caller runs with AVX2 and FMA.
     unsafe { _mm256_fmadd_ps(a[0], b[0], _mm256_fmadd_ps(a[1], b[1], _mm256_mul_ps(a[2], b[2]))) }
+}
+
+#[inline(always)]
+fn dot_flat(a: [__m256; 2], b: [__m256; 2]) -> __m256 {
+    // SAFETY: the caller runs with AVX2 and FMA.
+    unsafe { _mm256_fmadd_ps(a[0], b[0], _mm256_mul_ps(a[1], b[1])) }
+}
+
+/// Whole numbers of a lattice.
+#[inline(always)]
+fn steps(coordinates: &[u16; WIDTH]) -> __m256 {
+    // SAFETY: 16 bytes are read, which need no alignment; the caller runs with AVX2.
+    unsafe {
+        let packed = _mm_loadu_si128(coordinates.as_ptr().cast());
+        _mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(packed))
+    }
 }
 
 impl TraversalKernel for Avx2Ray {
@@ -104,29 +122,41 @@ impl TraversalKernel for Avx2Ray {
 
     #[inline(always)]
     fn near_strands(block: &StrandBlock, ray: &StrandRay, z_max: f32) -> u32 {
-        let vector = |lanes: &[BvhLanes; 3]| [load(&lanes[0]), load(&lanes[1]), load(&lanes[2])];
-        let (start, axis, origin) = (vector(&block.start), vector(&block.axis), splat(ray.origin));
-        let axes = ray.axes.map(splat);
+        // Not by `map`: a closure that is not inlined would hand vectors over in memory.
+        let [x, y, z] = ray.axes;
+        let corner = splat(ray.inside(Vec3::from(block.corner) - ray.origin));
+        let (x, y, z) = (splat(x), splat(y), splat(z));
+        let start = [steps(&block.ends[0]), steps(&block.ends[1]), steps(&block.ends[2])];
+        let end = [steps(&block.ends[3]), steps(&block.ends[4]), steps(&block.ends[5])];
         // SAFETY: the caller runs with AVX2 and FMA.
         unsafe {
-            let start = [0, 1, 2].map(|coordinate| _mm256_sub_ps(start[coordinate], origin[coordinate]));
-            let [start, axis] = [start, axis].map(|vector| axes.map(|along| dot(vector, along)));
-            let flat = |a: V3, b: V3| _mm256_fmadd_ps(a[0], b[0], _mm256_mul_ps(a[1], b[1]));
+            let step = _mm256_set1_ps(block.step);
+            let start = [
+                _mm256_fmadd_ps(dot(x, start), step, corner[0]),
+                _mm256_fmadd_ps(dot(y, start), step, corner[1]),
+                _mm256_fmadd_ps(dot(z, start), step, corner[2]),
+            ];
+            let end = [
+                _mm256_fmadd_ps(dot(x, end), step, corner[0]),
+                _mm256_fmadd_ps(dot(y, end), step, corner[1]),
+                _mm256_fmadd_ps(dot(z, end), step, corner[2]),
+            ];
+            let axis = [_mm256_sub_ps(end[0], start[0]), _mm256_sub_ps(end[1], start[1])];
+            let reach = _mm256_mul_ps(steps(&block.reach), step);
             let (zero, sign) = (_mm256_setzero_ps(), _mm256_set1_ps(-0.0));
-            let across = _mm256_max_ps(flat(axis, axis), _mm256_set1_ps(f32::MIN_POSITIVE));
-            let along = _mm256_div_ps(_mm256_xor_ps(flat(start, axis), sign), across);
+            let across = _mm256_max_ps(dot_flat(axis, axis), _mm256_set1_ps(f32::MIN_POSITIVE));
+            let along = _mm256_div_ps(_mm256_xor_ps(dot_flat([start[0], start[1]], axis), sign), across);
             let along = _mm256_min_ps(_mm256_max_ps(along, zero), _mm256_set1_ps(1.0));
             let nearest =
-                [0, 1, 2].map(|axis_number| _mm256_fmadd_ps(axis[axis_number], along, start[axis_number]));
-            let [x, y, z] = start.map(|coordinate| _mm256_andnot_ps(sign, coordinate));
-            let reach = load(&block.reach);
-            let size = _mm256_add_ps(_mm256_add_ps(x, y), z);
+                [_mm256_fmadd_ps(axis[0], along, start[0]), _mm256_fmadd_ps(axis[1], along, start[1])];
+            let size = _mm256_add_ps(_mm256_andnot_ps(sign, start[0]), _mm256_andnot_ps(sign, start[1]));
+            let size = _mm256_add_ps(size, _mm256_andnot_ps(sign, start[2]));
             let wide = _mm256_fmadd_ps(_mm256_set1_ps(SLACK), size, reach);
-            let end = _mm256_add_ps(start[2], axis[2]);
-            let low = _mm256_sub_ps(_mm256_min_ps(start[2], end), wide);
-            let high = _mm256_add_ps(_mm256_max_ps(start[2], end), wide);
-            let is_beside = _mm256_cmp_ps::<_CMP_LE_OQ>(flat(nearest, nearest), _mm256_mul_ps(wide, wide));
-            let is_there = _mm256_cmp_ps::<_CMP_GE_OQ>(reach, zero);
+            let low = _mm256_sub_ps(_mm256_min_ps(start[2], end[2]), wide);
+            let high = _mm256_add_ps(_mm256_max_ps(start[2], end[2]), wide);
+            let apart = _mm256_fmadd_ps(nearest[0], nearest[0], _mm256_mul_ps(nearest[1], nearest[1]));
+            let is_beside = _mm256_cmp_ps::<_CMP_LE_OQ>(apart, _mm256_mul_ps(wide, wide));
+            let is_there = _mm256_cmp_ps::<_CMP_GT_OQ>(reach, zero);
             let is_within = _mm256_and_ps(
                 _mm256_cmp_ps::<_CMP_LT_OQ>(low, _mm256_set1_ps(z_max)),
                 _mm256_cmp_ps::<_CMP_GT_OQ>(high, zero),

@@ -35,14 +35,15 @@ impl TraversalKernel for Scalar {
 
     fn near_strands(block: &StrandBlock, ray: &StrandRay, z_max: f32) -> u32 {
         let is_near = |lane: usize| {
-            let (start, axis, reach) = block.lane(lane);
-            let (start, axis) = (ray.inside(start - ray.origin), ray.inside(axis));
+            let (start, end, reach) = block.lane(lane);
+            let (start, end) = (ray.inside(start - ray.origin), ray.inside(end - ray.origin));
+            let axis = end - start;
             let across = axis.truncate();
             let along = -start.truncate().dot(across) / across.length_squared().max(f32::MIN_POSITIVE);
             let nearest = start.truncate() + across * along.clamp(0.0, 1.0);
             let wide = reach + SLACK * start.abs().element_sum();
             let (low, high) = (start.z.min(start.z + axis.z) - wide, start.z.max(start.z + axis.z) + wide);
-            reach >= 0.0 && nearest.length_squared() <= wide * wide && low < z_max && high > 0.0
+            reach > 0.0 && nearest.length_squared() <= wide * wide && low < z_max && high > 0.0
         };
         (0..WIDTH).fold(0, |mask, lane| mask | u32::from(is_near(lane)) << lane)
     }

@@ -4,19 +4,15 @@
 //! ray passes within their reach are found eight at a time, and only they are met exactly.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Mat3, Mat4, Vec2, Vec3, Vec4};
 use relume_scene::{Curves, StrandShape};
 
-use super::{
-    storage::Storage,
-    traverse::LocalRay,
-    tree::{BvhLanes, WIDTH},
-    tube,
-};
+use super::{storage::Storage, traverse::LocalRay, tree::WIDTH, tube};
 use crate::strand::Span;
 
-/// Binary logarithm of the pieces of a span: four boxes have a third of the surface of one along a diagonal.
-const PIECE_BITS: u32 = 2;
+/// Binary logarithm of the pieces of a span. Two boxes have half of the surface of one along a diagonal; four have a third,
+/// and take twice the memory.
+const PIECE_BITS: u32 = 1;
 /// Bits of a piece's number that count keys.
 const KEY_BITS: u32 = 32 - PIECE_BITS;
 /// Keys of one geometry that its pieces can count.
@@ -27,40 +23,55 @@ const RIBBON_CLEARANCE: f32 = 2.0;
 /// Roundings of a coordinate relative to the ray's start.
 pub(super) const SLACK: f32 = 8.0 * f32::EPSILON;
 
-/// Up to eight pieces of strands.
+/// Up to eight pieces of strands. They are kept on a lattice, since that only has to find those that a ray may meet.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct StrandBlock {
-    /// Start of the straight axis: x, y, z.
-    pub start: [BvhLanes; 3],
-    /// From there to its end.
-    pub axis: [BvhLanes; 3],
-    /// Largest distance of the piece from its straight axis; negative in empty lanes.
-    pub reach: BvhLanes,
+    /// Ends of the straight axes: x, y, z of the start and x, y, z of the end, in steps from `corner`.
+    pub ends: [[u16; WIDTH]; 6],
+    /// Largest distance of the piece from its straight axis, in steps; 0 in empty lanes.
+    pub reach: [u16; WIDTH],
     /// Number of the span's first key, and of the piece above [`KEY_BITS`].
     ids: [u32; WIDTH],
+    /// Lowest corner of the lattice.
+    pub corner: [f32; 3],
+    /// Distance of its points.
+    pub step: f32,
 }
 
+/// Points along an edge of the lattice of a block.
+const LATTICE: f32 = 65_500.0;
+/// Steps by which reaches grow, for roundings to the lattice and of coordinates on it.
+const LATTICE_SLACK: f32 = 2.0;
+
 impl StrandBlock {
-    pub fn empty() -> Self {
-        let zero = BvhLanes([0.0; WIDTH]);
-        Self { start: [zero; 3], axis: [zero; 3], reach: BvhLanes([-1.0; WIDTH]), ids: [u32::MAX; WIDTH] }
-    }
-
-    pub fn set(&mut self, lane: usize, piece: &Piece) {
-        let axis = piece.end - piece.start;
-        for coordinate in 0..3 {
-            self.start[coordinate].0[lane] = piece.start[coordinate];
-            self.axis[coordinate].0[lane] = axis[coordinate];
+    pub fn new<'a>(pieces: impl Iterator<Item = &'a Piece> + Clone) -> Self {
+        let ends = pieces.clone().flat_map(|piece| [piece.start, piece.end]);
+        let corner = ends.clone().fold(Vec3::INFINITY, Vec3::min);
+        let widest = (ends.fold(Vec3::NEG_INFINITY, Vec3::max) - corner).max_element();
+        let step = pieces.clone().fold(widest, |widest, piece| widest.max(piece.reach)) / LATTICE;
+        let (corner, step) = (corner.to_array(), step.max(f32::MIN_POSITIVE));
+        let empty = [0; WIDTH];
+        let mut block = Self { ends: [empty; 6], reach: empty, ids: [u32::MAX; WIDTH], corner, step };
+        for (lane, piece) in pieces.enumerate() {
+            let steps = [piece.start, piece.end].map(|end| (end - Vec3::from(corner)) / step);
+            for axis in 0..3 {
+                block.ends[axis][lane] = steps[0][axis].round() as u16;
+                block.ends[axis + 3][lane] = steps[1][axis].round() as u16;
+            }
+            block.reach[lane] = (piece.reach / step + LATTICE_SLACK).ceil() as u16;
+            block.ids[lane] = piece.id;
         }
-        self.reach.0[lane] = piece.reach;
-        self.ids[lane] = piece.id;
+        block
     }
 
-    /// Start, axis and reach of a lane.
+    /// Start, end and reach of a lane.
     pub fn lane(&self, lane: usize) -> (Vec3, Vec3, f32) {
-        let vector = |lanes: &[BvhLanes; 3]| Vec3::new(lanes[0].0[lane], lanes[1].0[lane], lanes[2].0[lane]);
-        (vector(&self.start), vector(&self.axis), self.reach.0[lane])
+        let [x, y, z, end_x, end_y, end_z] =
+            self.ends.map(|coordinates| f32::from(coordinates[lane]) * self.step);
+        let corner = Vec3::from(self.corner);
+        let reach = f32::from(self.reach[lane]) * self.step;
+        (corner + Vec3::new(x, y, z), corner + Vec3::new(end_x, end_y, end_z), reach)
     }
 }
 
@@ -81,6 +92,8 @@ pub(super) struct StrandRay {
     pub origin: Vec3,
     /// Unit axes; z is the ray's direction.
     pub axes: [Vec3; 3],
+    /// Turns vectors into the ray's space and leaves their fourth coordinate.
+    turn: Mat4,
     /// Length of the ray's direction: distances along it times this are object-space lengths.
     pub length: f32,
 }
@@ -90,17 +103,23 @@ impl StrandRay {
         let length = ray.direction.length();
         let z = ray.direction / length;
         let (x, y) = z.any_orthonormal_pair();
-        Self { origin: ray.origin, axes: [x, y, z], length }
+        let turn = Mat4::from_mat3(Mat3::from_cols(x, y, z).transpose());
+        Self { origin: ray.origin, axes: [x, y, z], turn, length }
     }
 
     /// A vector in the ray's space.
+    #[inline(always)]
     pub fn inside(&self, vector: Vec3) -> Vec3 {
-        Vec3::from(self.axes.map(|axis| vector.dot(axis)))
+        let [x, y, z] = self.axes;
+        Vec3::new(vector.dot(x), vector.dot(y), vector.dot(z))
     }
 
+    #[inline]
     fn span(&self, span: &Span) -> Span {
-        let keys = span.keys.map(|key| self.inside(key.truncate() - self.origin).extend(key.w));
-        Span { keys, ..*span }
+        let origin = self.origin.extend(0.0);
+        let [a, b, c, d] = span.keys;
+        let [a, b, c, d] = [a - origin, b - origin, c - origin, d - origin];
+        Span { keys: [self.turn * a, self.turn * b, self.turn * c, self.turn * d], ..*span }
     }
 }
 
@@ -145,14 +164,14 @@ impl StrandSet {
     }
 
     /// The span that starts at a key.
+    #[inline]
     pub fn span(&self, key: usize) -> Span {
-        let at = |key: usize| Vec4::from(self.keys[key]);
-        let is_first = |key: usize| self.keys.get(key).is_none_or(|key| key[3].is_sign_negative());
-        let (here, next) = (at(key), at(key + 1));
-        let before = if is_first(key) { here } else { at(key - 1) };
-        let after = if is_first(key + 2) { next } else { at(key + 2) };
-        let sound = |key: Vec4| key.truncate().extend(key.w.abs());
-        Span::new([before, here, next, after].map(sound), self.shape)
+        let (here, next) = (self.keys[key], self.keys[key + 1]);
+        let before = if here[3].is_sign_negative() { here } else { self.keys[key - 1] };
+        let after = self.keys.get(key + 2).filter(|key| key[3].is_sign_positive()).unwrap_or(&next);
+        let sound = |[x, y, z, radius]: [f32; 4]| Vec4::new(x, y, z, radius.abs());
+        // Neither of the others is the first of its curve.
+        Span::new([sound(before), sound(here), next.into(), (*after).into()], self.shape)
     }
 
     /// All pieces that a ray could meet.
@@ -260,10 +279,10 @@ fn ribbon(
     count: u32,
     reach: (f32, f32),
 ) -> Option<(f32, f32, f32)> {
-    let step = 1.0 / count as f32;
+    let (axis, step) = (span.axis(), 1.0 / count as f32);
     let end = |number: u32| {
         let u = number as f32 * step;
-        let (at, tangent) = (span.at(u), span.tangent(u));
+        let (at, tangent) = (axis.at(u), span.tangent_of(axis.derivative(u)));
         let half = Vec2::new(tangent.y, -tangent.x).normalize_or_zero() * at.w;
         (at, half.extend(0.0))
     };
@@ -299,10 +318,46 @@ fn quad([a, b, c, d]: [Vec3; 4]) -> Option<(f32, f32, f32)> {
 
 /// Height at which the z axis passes through a triangle, and the weights of its second and third corner.
 fn triangle(a: Vec3, b: Vec3, c: Vec3) -> Option<(f32, f32, f32)> {
-    let [p, q, r] = [a, b, c].map(Vec3::truncate);
+    let (p, q, r) = (a.truncate(), b.truncate(), c.truncate());
     let area = (q - p).perp_dot(r - p);
-    let (second, third) = (r.perp_dot(p) / area, p.perp_dot(q) / area);
+    let (second, third) = (r.perp_dot(p), p.perp_dot(q));
+    // Most rays pass outside and need no division.
+    if second * area < 0.0 || third * area < 0.0 {
+        return None;
+    }
+    let (second, third) = (second / area, third / area);
     let is_inside = second >= 0.0 && third >= 0.0 && second + third <= 1.0;
     // Of a triangle without area the weights are no numbers.
     is_inside.then_some((a.z + (b.z - a.z) * second + (c.z - a.z) * third, second, third))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bvh::tests::Random;
+
+    #[test]
+    fn blocks_hold_their_pieces_on_their_lattice() {
+        let mut random = Random(1);
+        // Long and thick, long and thin, a point far from the origin.
+        for (length, reach, place) in [(1.0, 0.3, 0.0), (0.5, 1e-7, 3.0), (0.0, 0.01, 50.0)] {
+            let pieces: Vec<Piece> = (0..5)
+                .map(|id| {
+                    let start = random.point(length) + place;
+                    let end = random.point(length) + place;
+                    Piece { id, start, end, reach, min: start, max: end }
+                })
+                .collect();
+            let block = StrandBlock::new(pieces.iter());
+            for (lane, piece) in pieces.iter().enumerate() {
+                let (start, end, held) = block.lane(lane);
+                let moved = start.distance(piece.start).max(end.distance(piece.end));
+                let rounding = f32::EPSILON * place;
+                assert!(piece.reach + moved <= held + rounding, "{piece:?} {held}");
+                assert!(held <= piece.reach + 4.0 * block.step, "{piece:?} {held}");
+                assert!(block.step <= (2.0 * length + reach) / LATTICE * 1.01, "{}", block.step);
+            }
+            assert_eq!(block.lane(5).2, 0.0);
+        }
+    }
 }

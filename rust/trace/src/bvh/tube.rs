@@ -2,7 +2,7 @@
 
 use glam::{Vec3, Vec4};
 
-use crate::strand::Span;
+use crate::strand::{Axis, Span};
 
 /// A straight part of a curved axis may leave it by this share of the radius.
 const SAG: f32 = 0.02;
@@ -14,7 +14,8 @@ const OVERLAP: f32 = 1e-3;
 /// Nearest hit between two heights on the part `from..to` of a curved tube, and where along the span. The tube is open
 /// at the ends of a curve, as Embree's, and has no inside: rays that start in it leave it.
 pub(super) fn round(span: &Span, from: f32, to: f32, reach: (f32, f32)) -> Option<(f32, f32)> {
-    let (first, middle, last) = (span.at(from), span.at(0.5 * (from + to)), span.at(to));
+    let axis = span.axis();
+    let (first, middle, last) = (axis.at(from), axis.at(0.5 * (from + to)), axis.at(to));
     let sag = (middle - 0.5 * (first + last)).truncate().length();
     let radius = first.w.max(middle.w).max(last.w);
     let parts = (sag / (SAG * radius)).sqrt().clamp(1.0, MOST_PARTS).ceil();
@@ -22,12 +23,12 @@ pub(super) fn round(span: &Span, from: f32, to: f32, reach: (f32, f32)) -> Optio
     let (mut start, mut u) = (first, from);
     for part in 1..=parts as u32 {
         let next = from + (to - from) * part as f32 / parts;
-        let end = span.at(next);
-        let planes = [(start, span.tangent(u)), (end, -span.tangent(next))];
+        let end = if next == to { last } else { axis.at(next) };
         if let Some((z, share)) = cone(start, end)
-            && planes.iter().all(|(at, inwards)| is_beyond(z, *at, *inwards))
+            && is_beyond(z, start, span.tangent_of(axis.derivative(u)))
+            && is_beyond(z, end, -span.tangent_of(axis.derivative(next)))
         {
-            let hit = polished(span, z, u + (next - u) * share);
+            let hit = polished(&axis, z, u + (next - u) * share);
             let limit = nearest.map_or(reach.1, |nearest| nearest.0);
             if hit.0 > reach.0 && hit.0 < limit {
                 nearest = Some(hit);
@@ -93,10 +94,11 @@ fn sphere(at: Vec4) -> Option<f32> {
 
 /// A hit on a straight part moved to the curved tube by Newton's method: the circle about the axis at `u` that the point
 /// at height `z` is on.
-fn polished(span: &Span, z: f32, u: f32) -> (f32, f32) {
+fn polished(spline: &Axis, z: f32, u: f32) -> (f32, f32) {
     let (mut z_now, mut u_now) = (z, u);
     for _ in 0..3 {
-        let (axis, along, bend) = (span.at(u_now), span.derivative(u_now), span.second_derivative(u_now));
+        let (axis, along, bend) =
+            (spline.at(u_now), spline.derivative(u_now), spline.second_derivative(u_now));
         let from_axis = Vec3::Z * z_now - axis.truncate();
         let tangent = along.truncate();
         let on_plane = from_axis.dot(tangent);

@@ -1,7 +1,7 @@
 //! The way from one vertex of a path to the next, where there are media.
 
 use glam::Vec3;
-use relume_dump::{AovSample, End, Segment};
+use relume_dump::{AovSample, End, Lobe, Segment};
 
 use super::{Features, Integrator, PathSink, Walk};
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
     media::{
         Bounds, Flight, HullCrossing, Landing, Media, MediaScratch, MediaSpace, TrackingNumbers, VolumeStack,
     },
-    shading::Hit,
+    shading::{Hit, SurfacePoint},
 };
 
 /// Throughput below which a path may end where it is not scattered.
@@ -93,6 +93,51 @@ impl Integrator<'_> {
             crossing.pass(&mut ray, &hit);
         }
         stack
+    }
+
+    /// Starts the next segment where a path leaves a body that it went into.
+    pub(super) fn leave_body(
+        &self,
+        walk: &mut Walk,
+        entry: &SurfacePoint,
+        exit: &SurfacePoint,
+        sink: &mut impl PathSink,
+    ) {
+        // Lights inside the body do not count: this record only leads to where the next one starts.
+        let (end, throughput) = (End::Vertex(exit.position), Vec3::ZERO);
+        let receiver = self.scene.instances[entry.instance as usize].receiver;
+        sink.push(Segment { end, throughput, lobe: Lobe::Diffuse, receiver, continues: false });
+        walk.begin_segment(exit.position);
+        if let (Some(media), Some(route)) = (&self.media, &mut walk.route) {
+            self.cross_media_in_body(media, entry, exit, &mut route.stack);
+        }
+    }
+
+    /// Takes a stack along the straight way through a body, into and out of the media of others that begin or end inside of it, as
+    /// Cycles does (`kernel/integrator/intersect_volume_stack.h`). The body's own medium is not entered on this way.
+    fn cross_media_in_body(
+        &self,
+        media: &Media,
+        entry: &SurfacePoint,
+        exit: &SurfacePoint,
+        stack: &mut VolumeStack,
+    ) {
+        if ![entry, exit].into_iter().any(|point| media.may_be_inside(point.position)) {
+            return;
+        }
+        let way = exit.position - entry.position;
+        let direction = way.normalize_or_zero();
+        let from = Some((entry.instance, entry.primitive));
+        let mut ray = Ray { from, t_max: way.length(), ..Ray::new(entry.position, direction) };
+        let mut crossing = HullCrossing::default();
+        while ray.t_max > 0.0
+            && let Some(hit) = self.bvh.intersect(&ray).filter(|_| !crossing.is_worn_out())
+        {
+            if hit.instance != entry.instance {
+                media.cross(self.scene, &hit, direction, stack);
+            }
+            crossing.pass(&mut ray, &hit);
+        }
     }
 
     /// Goes on to the next vertex, through hulls and past collisions that change nothing but the weight.

@@ -20,9 +20,12 @@ impl Bounds {
         points.fold(Self::EMPTY, |bounds, point| bounds.with(Self { min: point, max: point }))
     }
 
-    /// Box of a geometry, in object space.
+    /// Box of a geometry, in object space. Of strands and points only the middle lines and centres count.
     pub fn of_geometry(scene: &Scene, geometry: Geometry) -> Self {
-        Self::of_points(scene.mesh(geometry).into_iter().flat_map(|mesh| mesh.positions.iter().copied()))
+        let mesh = scene.mesh(geometry).map(|mesh| &mesh.positions);
+        let keys = scene.curves(geometry).map(|curves| &curves.keys);
+        let points = scene.points(geometry).map(|points| &points.positions);
+        Self::of_points([mesh, keys, points].into_iter().flatten().flatten().copied())
     }
 
     /// Box around an instance.
@@ -103,6 +106,16 @@ impl Bounds {
     }
 }
 
+/// True if part of a light is outside of the box with these corners, beyond which no path was recorded
+/// ([`relume_dump::Manifest::recorded`]). What is there of it lights nothing.
+pub fn reaches_beyond(light: &LightShape, corners: [[f32; 3]; 2]) -> bool {
+    let [min, max] = corners.map(Vec3::from);
+    let bounds = Bounds { min, max };
+    ball(light).is_some_and(|(center, radius)| {
+        ![center - radius, center + radius].iter().all(|p| bounds.contains(*p))
+    })
+}
+
 /// Middle and radius of a ball around a light; none of a sun.
 fn ball(shape: &LightShape) -> Option<(Vec3, f32)> {
     match *shape {
@@ -121,7 +134,38 @@ fn ball(shape: &LightShape) -> Option<(Vec3, f32)> {
 
 #[cfg(test)]
 mod tests {
+    use glam::Affine3A;
+    use relume_scene::{Curves, LobeFactors, Points};
+
     use super::*;
+
+    #[test]
+    fn the_recorded_box_holds_lights_hair_and_points_with_room_around_them() {
+        let curves = Curves { keys: vec![Vec3::ZERO, Vec3::new(0.0, 0.0, 3.0)], ..Curves::default() };
+        let points = Points { positions: vec![Vec3::new(-4.0, 0.0, 0.0)], ..Points::default() };
+        let [hair, dust] = [("hair", Geometry::Curves(0)), ("dust", Geometry::Points(0))]
+            .map(|(name, geometry)| Instance::new(name, geometry, Affine3A::IDENTITY, vec![]));
+        let scene = Scene {
+            instances: vec![hair, dust],
+            curves: vec![curves],
+            points: vec![points],
+            ..Scene::default()
+        };
+        let lamp = |x| LightShape::Sphere { center: Vec3::new(x, 0.0, 0.0), radius: 1.0 };
+        let light = Light {
+            name: String::new(),
+            shape: lamp(5.0),
+            radiance: [1.0; 3],
+            lobes: LobeFactors::default(),
+            receivers: None,
+        };
+        let corners = Bounds::of_scene(&scene, &[light]).corners();
+        assert_eq!(corners, [Vec3::new(-14.0, -11.0, -11.0), Vec3::new(16.0, 11.0, 13.0)]);
+        let is_beyond = |x| reaches_beyond(&lamp(x), corners.map(Vec3::into));
+        assert!(!is_beyond(5.0) && !is_beyond(14.5) && is_beyond(15.5) && is_beyond(100.0));
+        let sun = LightShape::Sun { direction: Vec3::Z, half_angle: 0.1 };
+        assert!(!reaches_beyond(&sun, corners.map(Vec3::into)));
+    }
 
     #[test]
     fn ways_are_cut_to_the_box() {

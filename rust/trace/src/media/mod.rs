@@ -23,6 +23,7 @@ use glam::{Affine3A, Vec3, Vec4};
 use relume_scene::{Light, Scene};
 
 pub(crate) use bounds::Bounds;
+pub use bounds::reaches_beyond;
 pub(crate) use crossing::HullCrossing;
 pub(crate) use flight::{Flight, Landing, TrackingNumbers};
 use majorant::MajorantGrid;

@@ -3,7 +3,7 @@
 use std::f32::consts::TAU;
 
 use glam::{Quat, Vec3, Vec4};
-use relume_scene::{Distribution, MetalFresnel, Node, NodeId, SheenModel, ToonComponent};
+use relume_scene::{Distribution, MetalFresnel, MultipleScattering, Node, NodeId, SheenModel, ToonComponent};
 
 use super::evaluate::{Known, ShadingContext};
 use super::graph::Aid;
@@ -70,15 +70,16 @@ pub fn shade(
 fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known, surface: &mut Surface) {
     let point = context.point;
     match node {
-        Node::Diffuse { color, roughness, normal } => {
+        Node::Diffuse { color, roughness, multiple_scattering, normal } => {
             let (color, normal) = (known.vector(color), known.normal(normal));
-            let scatter = diffuse(normal, known.float(roughness), color, point.wo);
+            let scatter = diffuse(normal, known.float(roughness), color, *multiple_scattering, point.wo);
             surface.add(color * weight, Vec3::ONE, normal, scatter);
         }
         Node::SingleScatteringDiffuse { color, roughness, normal } => {
             let (color, normal) = (known.vector(color), known.normal(normal));
             // Of black, nothing is scattered twice.
-            let scatter = diffuse(normal, known.float(roughness), Vec3::ZERO, point.wo);
+            let scatter =
+                diffuse(normal, known.float(roughness), Vec3::ZERO, MultipleScattering::Full, point.wo);
             surface.add(color * weight, Vec3::ONE, normal, scatter);
         }
         Node::Sheen { model, color, roughness, normal } => {
@@ -283,11 +284,11 @@ pub fn add_microfacet(
 }
 
 /// Diffuse reflection of the given roughness.
-pub fn diffuse(normal: Vec3, roughness: f32, color: Vec3, wo: Vec3) -> Scatter {
+pub fn diffuse(normal: Vec3, roughness: f32, color: Vec3, multiple: MultipleScattering, wo: Vec3) -> Scatter {
     if roughness < 1e-5 {
         Scatter::Diffuse
     } else {
-        Scatter::OrenNayar(OrenNayar::new(normal, roughness, color, wo))
+        Scatter::OrenNayar(OrenNayar::new(normal, roughness, color, multiple, wo))
     }
 }
 

@@ -118,14 +118,11 @@ impl ShadingContext<'_> {
         }
     }
 
-    /// Direction in which elliptical hair is wide: the curve's normal, or any that does not turn along the curve, as in
-    /// Cycles. Nothing on meshes, where it is across the ray.
+    /// Direction in which elliptical hair is wide: the curve's normal, or any that does not turn along the curve. As in
+    /// Cycles, an object's rotation does not turn the normals. Nothing on meshes, where it is across the ray.
     fn major_axis(&self) -> Vec3 {
         let Some(strand) = &self.point.strand else { return Vec3::ZERO };
-        match strands::normal(self) {
-            Some(normal) => self.instance().world_from_object.transform_vector3(normal),
-            None => footprint_axes(strand.tangent.normalize_or_zero()).1,
-        }
+        strands::normal(self).unwrap_or_else(|| footprint_axes(strand.tangent.normalize_or_zero()).1)
     }
 
     /// Half of what a pixel covers of the strand, in units of its radius; all of it for rays that do not come from the camera,

@@ -2,7 +2,7 @@
 //! below what its albedo estimate says.
 
 use glam::Vec3;
-use relume_scene::{Distribution, Node};
+use relume_scene::{Distribution, MultipleScattering, Node};
 
 use super::closures::{add_microfacet, diffuse, facets, turned};
 use super::evaluate::{Known, ShadingContext};
@@ -20,6 +20,7 @@ pub struct Parameters {
     metallic: f32,
     roughness: f32,
     diffuse_roughness: f32,
+    multiple_scattering: MultipleScattering,
     ior: f32,
     alpha: f32,
     subsurface_weight: f32,
@@ -70,6 +71,7 @@ impl Parameters {
             metallic,
             roughness,
             diffuse_roughness,
+            multiple_scattering,
             ior,
             alpha,
             normal: _,
@@ -105,6 +107,7 @@ impl Parameters {
             metallic: unit(metallic),
             roughness: unit(roughness),
             diffuse_roughness: unit(diffuse_roughness),
+            multiple_scattering: *multiple_scattering,
             ior: inputs.float(ior).max(1e-5),
             alpha: unit(alpha),
             subsurface_weight: unit(subsurface_weight),
@@ -188,7 +191,13 @@ pub fn add(node: &Node, p: &Parameters, known: &Known, weight: f32, surface: &mu
         }
         color *= 1.0 - p.subsurface_weight;
     }
-    let scatter = diffuse(directions.normal, p.diffuse_roughness, p.base_color, context.point.wo);
+    let scatter = diffuse(
+        directions.normal,
+        p.diffuse_roughness,
+        p.base_color,
+        p.multiple_scattering,
+        context.point.wo,
+    );
     surface.add(color * weight, Vec3::ONE, directions.normal, scatter);
 }
 
@@ -203,7 +212,7 @@ fn add_sheet(
 ) {
     let reflected = (0.5 * (1.0 - body.anisotropy)).clamp(0.0, 1.0);
     let transmitted = (0.5 * (1.0 + body.anisotropy)).clamp(0.0, 1.0);
-    let scatter = diffuse(normal, p.diffuse_roughness, p.reflectance(), wo);
+    let scatter = diffuse(normal, p.diffuse_roughness, p.reflectance(), p.multiple_scattering, wo);
     let through = match scatter {
         Scatter::OrenNayar(model) => Scatter::RoughTranslucent(model),
         _ => Scatter::Translucent,

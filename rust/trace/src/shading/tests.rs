@@ -64,6 +64,7 @@ pub(super) fn principled() -> Node {
         metallic: Input::Float(0.0),
         roughness: Input::Float(0.5),
         diffuse_roughness: Input::Float(0.0),
+        multiple_scattering: Default::default(),
         ior: Input::Float(1.5),
         alpha: Input::Float(1.0),
         normal: None,

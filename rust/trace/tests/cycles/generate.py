@@ -68,7 +68,7 @@ OUTPUTS = {
     "color": "Color", "value": "Value", "vector": "Vector", "normal": "Normal", "fresnel": "Fresnel",
     "facing": "Facing", "alpha": "Alpha", "x": "X", "y": "Y", "z": "Z", "tangent": "Tangent", "incoming": "Incoming",
 }  # fmt: skip
-NOT_SOCKETS = ("type", "name", "uv_map", "filter_width", "texture")
+NOT_SOCKETS = ("type", "name", "uv_map", "filter_width", "texture", "multiple_scattering")
 
 
 def principled(**changes):
@@ -263,7 +263,8 @@ def closure_graphs():
     glossy = {"color": color, "anisotropy": 0.0, "rotation": 0.0, "normal": None, "tangent": None}
     yield "diffuse", [{"type": "diffuse", "color": color, "roughness": 0.0, "normal": None}]
     rough = "diffuse" if bpy.app.version >= (4, 3, 0) else "single_scattering_diffuse"
-    yield "rough diffuse", [{"type": rough, "color": color, "roughness": 0.8, "normal": None}]
+    again = {"multiple_scattering": "full"} if bpy.app.version >= (5, 3, 0) else {}
+    yield "rough diffuse", [{"type": rough, "color": color, "roughness": 0.8, "normal": None, **again}]
     yield "translucent", [{"type": "translucent", "color": color, "normal": None}]
     for distribution in ("ggx", "beckmann", "multi_ggx", "ashikhmin_shirley"):
         for roughness in (0.3, 0.7):

@@ -66,7 +66,12 @@ pub fn material(node: Node) -> Material {
 }
 
 pub fn diffuse(albedo: f32) -> Material {
-    material(Node::Diffuse { color: Input::Rgb([albedo; 3]), roughness: Input::Float(0.0), normal: None })
+    material(Node::Diffuse {
+        color: Input::Rgb([albedo; 3]),
+        roughness: Input::Float(0.0),
+        multiple_scattering: Default::default(),
+        normal: None,
+    })
 }
 
 /// A mesh of the 6 sides of a cube of edge 2 around the origin; normals outwards.
