@@ -62,7 +62,8 @@ PROPERTIES = {
     "distribution": "distribution", "operation": "operation", "clamp": "use_clamp", "data": "data_type",
     "blend": "blend_type", "clamp_factor": "clamp_factor", "clamp_result": "clamp_result", "kind": "vector_type",
     "mode": "mode", "space": "space", "invert": "invert", "interpolation": "interpolation_type",
-    "extension": "extension", "model": "model", "pigment": "parametrization", "component": "component", "fresnel": "fresnel_type",
+    "extension": "extension", "model": "model", "pigment": "parametrization", "component": "component",
+    "fresnel": "fresnel_type",
 }  # fmt: skip
 OUTPUTS = {
     "color": "Color", "value": "Value", "vector": "Vector", "normal": "Normal", "fresnel": "Fresnel",
@@ -570,7 +571,7 @@ def main():
         "blender": known["blender"] if sys.argv[1:] else bpy.app.version_string,
         "closures": merged(known["closures"], closures),
         "values": merged(known["values"], values),
-        # Measured in Blender 5.3: the model of Huang et al. is mended from 4.5 on. So are metals, new in 4.3, in "closures".
+        # Measured in Blender 5.3: the model of Huang et al. is mended from 4.5 on. So are metals in "closures", new in 4.3.
         "hair": merged(known.get("hair", []), list(measure_hair())),
         "lit_hair": merged(known.get("lit_hair", []), list(measure_lit_hair())),
     }
