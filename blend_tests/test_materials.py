@@ -53,6 +53,8 @@ CLOSURES = {
     "ShaderNodeBsdfTranslucent": "translucent",
     "ShaderNodeBsdfTransparent": "transparent",
     "ShaderNodeEmission": "emission",
+    "ShaderNodeBsdfSheen": "sheen",
+    "ShaderNodeBsdfToon": "toon",
     "ShaderNodeBsdfHairPrincipled": "principled_hair",
     "ShaderNodeBsdfHair": "hair_bsdf",
 }
@@ -364,10 +366,26 @@ def test_normal_maps_of_directx_point_the_other_way_in_green(tree, is_linked):
         assert color == pytest.approx([0.6, 0.2, 0.9])
 
 
-@pytest.mark.parametrize("kind", ["ShaderNodeBsdfToon", "ShaderNodeHoldout"])
-def test_unsupported_closures_become_the_nearest_thing(tree, kind):
+@pytest.mark.skipif(bpy.app.version < (4, 3, 0), reason="the Metallic BSDF is new in Blender 4.3")
+@pytest.mark.parametrize("fresnel", ["F82", "PHYSICAL_CONDUCTOR"])
+def test_metals_keep_their_colours_and_indices(tree, fresnel):
     tree, output, export = tree
-    node = tree.nodes.new(kind)
+    node = tree.nodes.new("ShaderNodeBsdfMetallic")
+    node.fresnel_type = fresnel
+    wanted = {"edge_tint": (0.1, 0.2, 0.3)} if fresnel == "F82" else {"ior": (0.2, 0.9, 1.1), "extinction": (4, 3, 2)}
+    for field, value in wanted.items():
+        socket = next(it for it in node.inputs if it.identifier.lower().replace(" ", "_") == field)
+        socket.default_value = (*value, 1.0)[: len(socket.default_value)]
+    tree.links.new(node.outputs[0], output.inputs["Surface"])
+    material, warnings, _ = export()
+    assert warnings == [] and material["nodes"][-1]["fresnel"] == fresnel.lower()
+    for field, value in wanted.items():
+        assert material["nodes"][-1][field] == pytest.approx(value)
+
+
+def test_unsupported_closures_become_the_nearest_thing(tree):
+    tree, output, export = tree
+    node = tree.nodes.new("ShaderNodeHoldout")
     tree.links.new(node.outputs[0], output.inputs["Surface"])
     _, warnings, _ = export()
     assert any(f"node '{node.name}' is not supported yet" in warning for warning in warnings)

@@ -87,13 +87,13 @@ def distribution(t: Translation, node: bpy.types.Node) -> str:
     return known.get(name, "ggx")
 
 
-def _simple(kind: str, *fields: tuple[str, str, Any], microfacet: bool = False) -> TranslateClosure:
-    """A closure whose fields are sockets."""
+def _simple(kind: str, *fields: tuple[str, str, Any], microfacet: bool = False, **properties: str) -> TranslateClosure:
+    """A closure whose fields are sockets, and properties."""
 
     def translate(t: Translation, node: bpy.types.Node, context: Context) -> int:
         values = {field: t.value(node, socket, context, default) for field, socket, default in fields}
         extra = {"distribution": distribution(t, node)} if microfacet else {}
-        return t.emit({"type": kind, **values, **extra})
+        return t.emit({"type": kind, **properties, **values, **extra})
 
     return translate
 
@@ -103,6 +103,12 @@ COLOR = ("color", "Color", [0.8, 0.8, 0.8])
 NORMAL = ("normal", "Normal", None)
 ROUGHNESS = ("roughness", "Roughness", 0.0)
 IOR = ("ior", "IOR", 1.5)
+ANISOTROPY = (
+    ("anisotropy", "Anisotropy", 0.0),
+    ("rotation", "Rotation", 0.0),
+    NORMAL,
+    ("tangent", "Tangent", None),
+)
 
 
 def _mix(t: Translation, node: bpy.types.Node, context: Context) -> int:
@@ -137,12 +143,6 @@ def _subsurface(t: Translation, node: bpy.types.Node, context: Context) -> int:
     return t.emit({"type": "subsurface_scattering", **fields})
 
 
-def _smooth_diffuse(t: Translation, node: bpy.types.Node, context: Context) -> int:
-    """The nearest sensible thing for closures that mostly scatter their colour."""
-    color, normal = t.value(node, "Color", context, [0.8, 0.8, 0.8]), t.value(node, "Normal", context, None)
-    return t.emit({"type": "diffuse", "color": color, "roughness": 0.0, "normal": normal})
-
-
 def _nothing(_t: Translation, _node: bpy.types.Node, _context: Context) -> None:
     return None
 
@@ -160,32 +160,39 @@ def _refraction(t: Translation, node: bpy.types.Node, context: Context) -> int |
     return _simple("refraction", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True)(t, node, context)
 
 
-def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
+def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int:
     _warn_of_thin_film(t, node, context)
     fields = (
-        ("color", "Base Color", [0.6, 0.6, 0.6]),
+        ("base_color", "Base Color", [0.617, 0.577, 0.540]),
+        ("edge_tint", "Edge Tint", [0.695, 0.726, 0.770]),
+        ("ior", "IOR", [2.757, 2.513, 2.231]),
+        ("extinction", "Extinction", [3.867, 3.404, 3.009]),
         ROUGHNESS,
-        ("anisotropy", "Anisotropy", 0.0),
-        ("rotation", "Rotation", 0.0),
-        NORMAL,
-        ("tangent", "Tangent", None),
+        *ANISOTROPY,
     )
-    return _simple("glossy", *fields, microfacet=True)(t, node, context)
+    values = {field: t.value(node, socket, context, default) for field, socket, default in fields}
+    kinds = {"fresnel": node.fresnel_type.lower(), "distribution": distribution(t, node)}
+    return t.emit({"type": "metallic", **kinds, **values})
+
+
+def _sheen(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
+    return _simple("sheen", COLOR, ("roughness", "Roughness", 0.5), NORMAL, model=node.distribution.lower())(
+        t, node, context
+    )
+
+
+def _toon(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
+    fields = (COLOR, ("size", "Size", 0.5), ("smooth", "Smooth", 0.0), NORMAL)
+    return _simple("toon", *fields, component=node.component.lower())(t, node, context)
 
 
 CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeBsdfPrincipled": _principled,
     "ShaderNodeBsdfDiffuse": _diffuse,
-    "ShaderNodeBsdfAnisotropic": _simple(
-        "glossy",
-        COLOR,
-        ROUGHNESS,
-        ("anisotropy", "Anisotropy", 0.0),
-        ("rotation", "Rotation", 0.0),
-        NORMAL,
-        ("tangent", "Tangent", None),
-        microfacet=True,
-    ),
+    "ShaderNodeBsdfAnisotropic": _simple("glossy", COLOR, ROUGHNESS, *ANISOTROPY, microfacet=True),
+    "ShaderNodeBsdfMetallic": _metallic,
+    "ShaderNodeBsdfSheen": _sheen,
+    "ShaderNodeBsdfToon": _toon,
     "ShaderNodeBsdfGlass": _glass,
     "ShaderNodeBsdfRefraction": _refraction,
     "ShaderNodeBsdfTranslucent": _simple("translucent", COLOR, NORMAL),
@@ -203,9 +210,6 @@ CLOSURES: dict[str, TranslateClosure] = {
 }
 
 FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
-    "ShaderNodeBsdfMetallic": ("glossy in its base colour", _metallic),
-    "ShaderNodeBsdfSheen": ("diffuse", _smooth_diffuse),
-    "ShaderNodeBsdfToon": ("diffuse", _smooth_diffuse),
     "ShaderNodeBsdfRayPortal": ("black", _nothing),
     "ShaderNodeHoldout": ("black", _nothing),
 }

@@ -1,8 +1,8 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
-    MappingKind, MathOp, MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction, PrincipledHair,
-    Procedural, Subsurface, TexCoord, VectorMathOp,
+    MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction,
+    PrincipledHair, Procedural, SheenModel, Subsurface, TexCoord, ToonComponent, VectorMathOp,
 };
 
 with_sockets! {
@@ -69,6 +69,32 @@ with_sockets! {
             normal: Option<Input>,
             tangent: Option<Input>,
             distribution: Distribution,
+        },
+        Metallic {
+            fresnel: MetalFresnel,
+            base_color: Input,
+            edge_tint: Input,
+            ior: Input,
+            extinction: Input,
+            roughness: Input,
+            anisotropy: Input,
+            rotation: Input,
+            normal: Option<Input>,
+            tangent: Option<Input>,
+            distribution: Distribution,
+        },
+        Sheen {
+            model: SheenModel,
+            color: Input,
+            roughness: Input,
+            normal: Option<Input>,
+        },
+        Toon {
+            component: ToonComponent,
+            color: Input,
+            size: Input,
+            smooth: Input,
+            normal: Option<Input>,
         },
         Glass {
             color: Input,

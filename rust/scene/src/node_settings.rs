@@ -15,6 +15,36 @@ pub enum Distribution {
     AshikhminShirley,
 }
 
+/// Reflectance of metals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MetalFresnel {
+    /// Base Color seen head on, Edge Tint at the edge.
+    F82,
+    /// IOR and Extinction.
+    PhysicalConductor,
+}
+
+/// Model of the Sheen BSDF.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SheenModel {
+    /// Fibres that scatter many times.
+    Microfiber,
+    /// Velvet by Ashikhmin.
+    Ashikhmin,
+}
+
+/// Component of the Toon BSDF.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ToonComponent {
+    /// About the normal.
+    Diffuse,
+    /// About the mirror direction.
+    Glossy,
+}
+
 /// Colour of what a rough diffuse surface scatters more than once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]

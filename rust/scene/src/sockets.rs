@@ -2,9 +2,9 @@
 
 use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
-    HairPigment, Input, Interpolation, MapRangeKind, MappingKind, MathOp, Metric, MixData,
-    MultipleScattering, NodeId, NoiseKind, NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp,
-    VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    HairPigment, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric, MixData,
+    MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel, TexCoord, ToonComponent,
+    VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -36,7 +36,7 @@ macro_rules! properties {
 
 properties![bool, f32, usize, NodeId, String];
 properties![BlendMode, ColorMode, Curve, Distribution, Extension, Interpolation, MapRangeKind, MappingKind];
-properties![HairComponent, HairModel, HairPigment];
+properties![HairComponent, HairModel, HairPigment, MetalFresnel, SheenModel, ToonComponent];
 properties![MathOp, MixData, MultipleScattering, NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp];
 properties![Dimensions, GradientKind, Metric, NoiseKind, VoronoiFeature, VoronoiHash];
 properties![WaveDirection, WaveKind, WaveProfile];

@@ -3,7 +3,7 @@ use relume_dump::Lobe;
 
 use super::frame::{cosine_pdf, sample_cosine};
 use super::normal::{SampleReach, SideNormals, bump_shadowing};
-use super::{AshikhminShirley, Bssrdf, Hair, Interface, Microfacet, OrenNayar, Sheen};
+use super::{AshikhminShirley, Bssrdf, Hair, Interface, Microfacet, OrenNayar, Sheen, Toon, Velvet};
 
 /// One way in which a surface scatters, and how much of it there is.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +37,10 @@ pub enum Scatter {
     AshikhminShirley(AshikhminShirley),
     /// Cloth.
     Sheen(Sheen),
+    /// Velvet.
+    Velvet(Velvet),
+    /// A cone of light, about the normal or the mirror direction.
+    Toon(Toon),
     /// Into the body behind the surface: the path goes on where it leaves that, so that no direction is sampled.
     Subsurface(Bssrdf),
     /// Fibre, which scatters to all sides. Its normal is not consulted.
@@ -104,6 +108,16 @@ impl Closure {
                 let pdf = model.pdf(wi);
                 (Vec3::splat(pdf * self.shadowing(smooth, wi)), pdf)
             }
+            Scatter::Velvet(model) => {
+                let (value, pdf) = model.eval(wo, wi);
+                (Vec3::splat(value * self.shadowing(smooth, wi)), pdf)
+            }
+            Scatter::Toon(_) if self.normal.dot(wi) <= 0.0 => (Vec3::ZERO, 0.0),
+            Scatter::Toon(model) => {
+                let (value, pdf) = model.eval(wi);
+                let shadowing = if model.is_glossy { 1.0 } else { self.shadowing(smooth, wi) };
+                (Vec3::splat(value * shadowing), pdf)
+            }
             Scatter::Hair(model) => {
                 let response = model.eval(wi);
                 (response.value(), response.pdf())
@@ -150,6 +164,8 @@ impl Closure {
                 (model.sample(wo, [u[0], u[1]])?, Lobe::Glossy, model.is_singular())
             }
             Scatter::Sheen(model) => (model.sample([u[0], u[1]]), Lobe::Diffuse, false),
+            Scatter::Velvet(model) => (model.sample([u[0], u[1]]), Lobe::Diffuse, false),
+            Scatter::Toon(model) => (model.sample([u[0], u[1]]), toon_lobe(model), false),
         };
         let reach = sides.reach(wi, lobe == Lobe::Transmission)?;
         let transmitted = if lobe == Lobe::Transmission { 1.0 } else { 0.0 };
@@ -176,7 +192,12 @@ impl Closure {
 
     /// True if what it reflects is glossy, not diffuse.
     pub fn is_glossy(&self) -> bool {
-        matches!(self.scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) | Scatter::Hair(_))
+        match &self.scatter {
+            Scatter::Toon(model) => model.is_glossy,
+            scatter => {
+                matches!(scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) | Scatter::Hair(_))
+            }
+        }
     }
 
     /// True if it scatters to all sides, whatever the surface's normals are.
@@ -186,14 +207,12 @@ impl Closure {
 
     /// True if it is diffuse, on either side of the surface.
     pub fn is_diffuse(&self) -> bool {
-        matches!(
-            self.scatter,
-            Scatter::Diffuse
-                | Scatter::OrenNayar(_)
-                | Scatter::Sheen(_)
-                | Scatter::Translucent
-                | Scatter::RoughTranslucent(_)
-        )
+        match &self.scatter {
+            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) | Scatter::Velvet(_) => true,
+            Scatter::Translucent | Scatter::RoughTranslucent(_) => true,
+            Scatter::Toon(model) => !model.is_glossy,
+            _ => false,
+        }
     }
 
     pub(crate) fn sharpness(&self) -> Sharpness {
@@ -225,9 +244,9 @@ impl Closure {
             Scatter::Microfacet(_) if self.normal.dot(wi) < 0.0 => Lobe::Transmission,
             Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) | Scatter::Hair(_) => Lobe::Glossy,
             Scatter::Translucent | Scatter::RoughTranslucent(_) | Scatter::Transparent => Lobe::Transmission,
-            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Sheen(_) | Scatter::Subsurface(_) => {
-                Lobe::Diffuse
-            }
+            Scatter::Toon(model) => toon_lobe(model),
+            Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Subsurface(_) => Lobe::Diffuse,
+            Scatter::Sheen(_) | Scatter::Velvet(_) => Lobe::Diffuse,
         }
     }
 
@@ -257,4 +276,8 @@ impl Closure {
     fn shadowing(&self, smooth: Vec3, wi: Vec3) -> f32 {
         bump_shadowing(smooth, self.normal, wi)
     }
+}
+
+fn toon_lobe(model: &Toon) -> Lobe {
+    if model.is_glossy { Lobe::Glossy } else { Lobe::Diffuse }
 }

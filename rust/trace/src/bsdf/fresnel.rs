@@ -81,6 +81,39 @@ impl F82 {
     }
 }
 
+/// A metal of complex index of refraction.
+#[derive(Clone, Copy, Debug)]
+pub struct Conductor {
+    /// Real part of the index.
+    pub ior: Vec3,
+    /// Imaginary part of the index.
+    pub extinction: Vec3,
+}
+
+impl Conductor {
+    /// Reflectance for unpolarised light (Born and Wolf, "Principles of Optics", 14.4).
+    pub fn reflectance(&self, cos: f32) -> Vec3 {
+        let cos_squared = cos * cos;
+        let sin_squared = 1.0 - cos_squared;
+        let (n_squared, k_squared) = (self.ior * self.ior, self.extinction * self.extinction);
+        let difference = n_squared - k_squared - sin_squared;
+        let length = (difference * difference + 4.0 * n_squared * k_squared).map(f32::sqrt);
+        let a = (0.5 * (length + difference)).max(Vec3::ZERO).map(f32::sqrt);
+        let (even, odd) = (length + cos_squared, 2.0 * cos * a);
+        let perpendicular = (even - odd) / (even + odd).max(Vec3::splat(f32::MIN_POSITIVE));
+        let (even, odd) = (cos_squared * length + sin_squared * sin_squared, odd * sin_squared);
+        let ratio = (even - odd) / (even + odd).max(Vec3::splat(f32::MIN_POSITIVE));
+        (0.5 * perpendicular * (1.0 + ratio)).clamp(Vec3::ZERO, Vec3::ONE)
+    }
+
+    /// The metal of the same reflectance head on and at 82 degrees, whose mean has a closed form.
+    pub fn as_f82(&self) -> F82 {
+        let f0 = self.reflectance(1.0);
+        let schlick = f0 + (1.0 - f0) * F82::SCHLICK_AT_82;
+        F82::new(f0, self.reflectance(1.0 / 7.0) / schlick.max(Vec3::splat(1e-6)))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -129,6 +162,24 @@ mod tests {
             let exact = mean_of(|cos| f82.reflectance(cos)[channel]);
             assert!((f82.mean()[channel] - exact).abs() < 2e-3);
         }
+    }
+
+    #[test]
+    fn conductors_match_closed_forms() {
+        // Without extinction, a dielectric.
+        let glass = Conductor { ior: Vec3::splat(1.5), extinction: Vec3::ZERO };
+        for cos in [0.1, 0.5, 1.0] {
+            assert!((glass.reflectance(cos).x - dielectric(cos, 1.5).0).abs() < 1e-5);
+        }
+        let copper = Conductor { ior: Vec3::new(0.2, 0.92, 1.1), extinction: Vec3::new(3.9, 2.4, 2.2) };
+        let head_on = |n: f32, k: f32| ((n - 1.0).powi(2) + k * k) / ((n + 1.0).powi(2) + k * k);
+        for channel in 0..3 {
+            let expected = head_on(copper.ior[channel], copper.extinction[channel]);
+            assert!((copper.reflectance(1.0)[channel] - expected).abs() < 1e-5);
+            let exact = mean_of(|cos| copper.reflectance(cos)[channel]);
+            assert!((copper.as_f82().mean()[channel] - exact).abs() < 0.01, "{exact}");
+        }
+        assert!((copper.reflectance(0.0) - 1.0).abs().max_element() < 1e-5);
     }
 
     #[test]

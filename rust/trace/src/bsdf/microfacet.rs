@@ -11,7 +11,7 @@ use super::closure::ClosureSample;
 use super::distribution::MicrofacetDistribution;
 use super::energy;
 use super::frame::ShadingFrame;
-use super::fresnel::{self, F82};
+use super::fresnel::{self, Conductor, F82};
 use super::normal::{SampleReach, SideNormals};
 
 /// Side that light can leave to.
@@ -41,8 +41,10 @@ pub enum Fresnel {
         /// Factor on what is transmitted.
         transmission: Vec3,
     },
-    /// A metal.
+    /// A metal by its colours.
     Metal(F82),
+    /// A metal by its index of refraction.
+    Conductor(Conductor),
 }
 
 /// A rough interface.
@@ -114,6 +116,7 @@ impl Microfacet {
                 (f * reflection, (1.0 - f) * transmission, cos_t)
             }
             Fresnel::Metal(metal) => (metal.reflectance(cos), Vec3::ZERO, 0.0),
+            Fresnel::Conductor(metal) => (metal.reflectance(cos), Vec3::ZERO, 0.0),
         };
         match self.interface {
             Interface::Reflection => (reflected, Vec3::ZERO, cos_t),
@@ -139,6 +142,7 @@ impl Microfacet {
                 rough_dielectric(Vec3::splat(fresnel::f0_from_ior(self.ior)))
             }
             Fresnel::Dielectric => Vec3::splat(fresnel::dielectric(cos, self.ior).0),
+            Fresnel::Conductor(metal) => metal.reflectance(cos),
             Fresnel::Metal(metal) => metal.f0 + (1.0 - metal.f0) * energy::schlick_rise(roughness, cos),
         };
         (reflected, transmitted)

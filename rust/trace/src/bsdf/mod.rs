@@ -20,6 +20,8 @@ mod sheen;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod toon;
+mod velvet;
 
 pub use ashikhmin::AshikhminShirley;
 pub(crate) use bssrdf::BodyEntry;
@@ -29,7 +31,7 @@ pub use diffuse::OrenNayar;
 pub use distribution::{MicrofacetDistribution, SlopeDistribution};
 pub use energy::Compensation;
 pub use frame::ShadingFrame;
-pub use fresnel::{F82, dielectric, dielectric_mean, f0_from_ior, ior_from_f0};
+pub use fresnel::{Conductor, F82, dielectric, dielectric_mean, f0_from_ior, ior_from_f0};
 pub use hair::{
     Chiang, ChiangParameters, Fibre, Hair, HairLobe, HairSide, Huang, HuangParameters, absorption_of_color,
     absorption_of_melanin,
@@ -38,3 +40,5 @@ pub use microfacet::{Fresnel, Interface, Microfacet};
 pub use normal::{SampleReach, SideNormals, ensure_valid_reflection};
 pub use sheen::Sheen;
 pub use surface::{BsdfSample, Caustics, Surface, WEIGHT_CUTOFF};
+pub use toon::Toon;
+pub use velvet::Velvet;

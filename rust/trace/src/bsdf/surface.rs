@@ -62,6 +62,7 @@ impl Caustics {
     fn filter(self, mut scatter: Scatter) -> Option<Scatter> {
         let is_seen = match &mut scatter {
             Scatter::AshikhminShirley(_) => self.reflective,
+            Scatter::Toon(model) if model.is_glossy => self.reflective,
             Scatter::Microfacet(facets) => match facets.interface {
                 Interface::Reflection => self.reflective,
                 Interface::Refraction => self.refractive,

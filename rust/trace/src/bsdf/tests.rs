@@ -82,6 +82,9 @@ fn models() -> Vec<(&'static str, Build)> {
         }),
         ("sheen smooth", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.3, wo).unwrap().0)),
         ("sheen rough", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.9, wo).unwrap().0)),
+        ("velvet", |_| Scatter::Velvet(Velvet::new(Vec3::Z, 0.5))),
+        ("toon", |_| Scatter::Toon(Toon::diffuse(Vec3::Z, 0.4, 0.3).unwrap())),
+        ("toon to the horizon", |_| Scatter::Toon(Toon::diffuse(Vec3::Z, 0.8, 0.5).unwrap())),
         ("ashikhmin", |_| {
             let frame = ShadingFrame::from_tangent(Vec3::Z, Vec3::X);
             Scatter::AshikhminShirley(AshikhminShirley::new(frame, 0.3, 0.3))
@@ -98,6 +101,10 @@ fn models() -> Vec<(&'static str, Build)> {
         ("metal", |_| {
             let f82 = F82::new(Vec3::new(0.9, 0.6, 0.2), Vec3::splat(0.8));
             microfacet(Ggx, Reflection, (0.3, 0.3), 1.0, Fresnel::Metal(f82))
+        }),
+        ("conductor", |_| {
+            let copper = Conductor { ior: Vec3::new(0.2, 0.92, 1.1), extinction: Vec3::new(3.9, 2.4, 2.2) };
+            microfacet(Ggx, Reflection, (0.3, 0.3), 1.0, Fresnel::Conductor(copper))
         }),
         ("refraction", |_| microfacet(Ggx, Refraction, (0.3, 0.3), 1.4, Fresnel::None)),
         ("refraction from inside", |_| microfacet(Ggx, Refraction, (0.3, 0.3), 1.0 / 1.4, Fresnel::None)),

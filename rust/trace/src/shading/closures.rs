@@ -3,7 +3,7 @@
 use std::f32::consts::TAU;
 
 use glam::{Quat, Vec3, Vec4};
-use relume_scene::{Distribution, MultipleScattering, Node, NodeId};
+use relume_scene::{Distribution, MetalFresnel, MultipleScattering, Node, NodeId, SheenModel, ToonComponent};
 
 use super::evaluate::{Known, ShadingContext};
 use super::graph::Aid;
@@ -12,8 +12,9 @@ use super::principled::{self, Parameters};
 use super::subsurface::{self, BodyParameters};
 use super::values::NodeInputs;
 use crate::bsdf::{
-    AshikhminShirley, Compensation, Fresnel, Interface, Microfacet, MicrofacetDistribution, OrenNayar,
-    Scatter, ShadingFrame, SlopeDistribution, Surface, ensure_valid_reflection, f0_from_ior,
+    AshikhminShirley, Compensation, Conductor, F82, Fresnel, Interface, Microfacet, MicrofacetDistribution,
+    OrenNayar, Scatter, ShadingFrame, Sheen, SlopeDistribution, Surface, Toon, Velvet,
+    ensure_valid_reflection, f0_from_ior,
 };
 
 /// Adds the closures of `node` and of those below it, `weight` of them.
@@ -56,6 +57,12 @@ pub fn shade(
         },
         Node::PrincipledHair(hair) => hair::add_principled(hair, context, &known, weight, surface),
         lobe @ Node::HairBsdf { .. } => hair::add_lobe(lobe, context, &known, weight, surface),
+        reflecting @ (Node::Glossy { .. }
+        | Node::Metallic { .. }
+        | Node::Glass { .. }
+        | Node::Refraction { .. }) => {
+            add_interface(context, reflecting, weight, &known, surface);
+        }
         simple => add_simple(context, simple, weight, &known, surface),
     }
 }
@@ -75,6 +82,54 @@ fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known,
                 diffuse(normal, known.float(roughness), Vec3::ZERO, MultipleScattering::Full, point.wo);
             surface.add(color * weight, Vec3::ONE, normal, scatter);
         }
+        Node::Sheen { model, color, roughness, normal } => {
+            let (normal, roughness) = (known.normal(normal), known.float(roughness));
+            let (scatter, albedo) = match model {
+                SheenModel::Ashikhmin => (Scatter::Velvet(Velvet::new(normal, roughness)), 1.0),
+                SheenModel::Microfiber => {
+                    let Some((sheen, albedo)) = Sheen::new(normal, roughness, point.wo) else { return };
+                    (Scatter::Sheen(sheen), albedo)
+                }
+            };
+            surface.add(known.vector(color) * (albedo * weight), Vec3::ONE, normal, scatter);
+        }
+        Node::Toon { component, color, size, smooth, normal } => {
+            let (normal, [size, smooth]) =
+                (known.normal(normal), [size, smooth].map(|input| known.float(input)));
+            let toon = match component {
+                ToonComponent::Diffuse => Toon::diffuse(normal, size, smooth),
+                ToonComponent::Glossy => Toon::glossy(normal, size, smooth, point.wo),
+            };
+            if let Some(toon) = toon {
+                surface.add(known.vector(color) * weight, Vec3::ONE, normal, Scatter::Toon(toon));
+            }
+        }
+        Node::Translucent { color, normal } => {
+            let normal = context.specular_normal(known.normal(normal));
+            surface.add(known.vector(color) * weight, Vec3::ONE, normal, Scatter::Translucent);
+        }
+        Node::SubsurfaceScattering { color, roughness, normal, subsurface } => {
+            let color = known.vector(color);
+            let body = BodyParameters::read(subsurface, known);
+            let boundary = subsurface::Boundary {
+                normal: context.specular_normal(known.normal(normal)),
+                alpha: known.float(roughness).clamp(0.0, 1.0),
+                ior: body.ior,
+            };
+            subsurface::add(&body, color * weight, color, &boundary, point, surface);
+        }
+        Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
+        Node::Emission { color, strength } => {
+            surface.add_emission(known.vector(color) * (known.float(strength) * weight));
+        }
+        _ => {}
+    }
+}
+
+/// Adds reflection and refraction by microfacets.
+fn add_interface(context: &ShadingContext, node: &Node, weight: f32, known: &Known, surface: &mut Surface) {
+    let point = context.point;
+    match node {
         Node::Glossy { color, roughness, anisotropy, rotation, normal, tangent, distribution } => {
             let color = known.vector(color).max(Vec3::ZERO);
             let alpha = known.float(roughness).clamp(0.0, 1.0).powi(2);
@@ -88,6 +143,51 @@ fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known,
                 (ShadingFrame::from_tangent(normal, tangent), (alpha * stretch, alpha / stretch))
             };
             add_glossy(surface, color, weight, *distribution, normal, frame, alphas);
+        }
+        Node::Metallic {
+            fresnel,
+            base_color,
+            edge_tint,
+            ior,
+            extinction,
+            roughness,
+            anisotropy,
+            rotation,
+            normal,
+            tangent,
+            distribution,
+        } => {
+            let unit = |input| known.vector(input).clamp(Vec3::ZERO, Vec3::ONE);
+            let (fresnel, mean) = match fresnel {
+                MetalFresnel::F82 => {
+                    let metal = F82::new(unit(base_color), unit(edge_tint));
+                    (Fresnel::Metal(metal), metal.mean())
+                }
+                MetalFresnel::PhysicalConductor => {
+                    let [ior, extinction] =
+                        [ior, extinction].map(|input| known.vector(input).max(Vec3::ZERO));
+                    let metal = Conductor { ior, extinction };
+                    (Fresnel::Conductor(metal), metal.as_f82().mean())
+                }
+            };
+            let normal = context.specular_normal(known.normal(normal));
+            let anisotropy = known.float(anisotropy).clamp(0.0, 1.0);
+            let tangent = if anisotropy > 0.0 {
+                turned(known.tangent(tangent), normal, known.float(rotation))
+            } else {
+                Vec3::ZERO
+            };
+            let (frame, facets) = facets(known.float(roughness).clamp(0.0, 1.0), anisotropy, normal, tangent);
+            let model = Microfacet {
+                distribution: MicrofacetDistribution { shape: slopes(*distribution), ..facets },
+                interface: Interface::Reflection,
+                ior: 1.0,
+                fresnel,
+                frame,
+                energy_scale: 1.0,
+            };
+            let mean = (*distribution == Distribution::MultiGgx).then_some(mean);
+            add_microfacet(surface, Vec3::splat(weight), normal, model, mean);
         }
         Node::Glass { color, roughness, ior, normal, distribution } => {
             let color = known.vector(color).max(Vec3::ZERO);
@@ -120,24 +220,6 @@ fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known,
                 energy_scale: 1.0,
             };
             add_microfacet(surface, known.vector(color) * weight, normal, model, None);
-        }
-        Node::Translucent { color, normal } => {
-            let normal = context.specular_normal(known.normal(normal));
-            surface.add(known.vector(color) * weight, Vec3::ONE, normal, Scatter::Translucent);
-        }
-        Node::SubsurfaceScattering { color, roughness, normal, subsurface } => {
-            let color = known.vector(color);
-            let body = BodyParameters::read(subsurface, known);
-            let boundary = subsurface::Boundary {
-                normal: context.specular_normal(known.normal(normal)),
-                alpha: known.float(roughness).clamp(0.0, 1.0),
-                ior: body.ior,
-            };
-            subsurface::add(&body, color * weight, color, &boundary, point, surface);
-        }
-        Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
-        Node::Emission { color, strength } => {
-            surface.add_emission(known.vector(color) * (known.float(strength) * weight));
         }
         _ => {}
     }
@@ -212,12 +294,33 @@ pub fn diffuse(normal: Vec3, roughness: f32, color: Vec3, multiple: MultipleScat
 
 /// A distribution of the node's shape.
 pub fn isotropic(distribution: Distribution, alpha: f32) -> MicrofacetDistribution {
-    let shape = if distribution == Distribution::Beckmann {
-        SlopeDistribution::Beckmann
-    } else {
-        SlopeDistribution::Ggx
-    };
-    MicrofacetDistribution { shape, alpha_x: alpha, alpha_y: alpha }
+    MicrofacetDistribution { shape: slopes(distribution), alpha_x: alpha, alpha_y: alpha }
+}
+
+fn slopes(distribution: Distribution) -> SlopeDistribution {
+    match distribution {
+        Distribution::Beckmann => SlopeDistribution::Beckmann,
+        _ => SlopeDistribution::Ggx,
+    }
+}
+
+/// Tangents and the widths along them of GGX facets, wider along the tangent by `anisotropy` 0..1.
+pub fn facets(
+    roughness: f32,
+    anisotropy: f32,
+    normal: Vec3,
+    tangent: Vec3,
+) -> (ShadingFrame, MicrofacetDistribution) {
+    let alpha = roughness * roughness;
+    if anisotropy <= 0.0 {
+        return (ShadingFrame::from_normal(normal), isotropic(Distribution::Ggx, alpha));
+    }
+    let aspect = (1.0 - anisotropy * 0.9).sqrt();
+    let (alpha_x, alpha_y) = ((alpha / aspect).min(1.0), alpha * aspect);
+    (
+        ShadingFrame::from_tangent(normal, tangent),
+        MicrofacetDistribution { shape: SlopeDistribution::Ggx, alpha_x, alpha_y },
+    )
 }
 
 /// A tangent turned about the normal by a number of full turns.

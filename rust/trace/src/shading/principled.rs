@@ -4,7 +4,7 @@
 use glam::Vec3;
 use relume_scene::{Distribution, MultipleScattering, Node};
 
-use super::closures::{add_microfacet, diffuse, turned};
+use super::closures::{add_microfacet, diffuse, facets, turned};
 use super::evaluate::{Known, ShadingContext};
 use super::subsurface::{self, BodyParameters, Boundary};
 use super::values::NodeInputs;
@@ -137,21 +137,7 @@ impl Parameters {
 
     /// Tangents and the widths along them.
     fn facets(&self, normal: Vec3, tangent: Vec3) -> (ShadingFrame, MicrofacetDistribution) {
-        let alpha = self.roughness * self.roughness;
-        if self.anisotropic > 0.0 {
-            let aspect = (1.0 - self.anisotropic * 0.9).sqrt();
-            let distribution = MicrofacetDistribution {
-                shape: SlopeDistribution::Ggx,
-                alpha_x: (alpha / aspect).min(1.0),
-                alpha_y: alpha * aspect,
-            };
-            (ShadingFrame::from_tangent(normal, tangent), distribution)
-        } else {
-            (
-                ShadingFrame::from_normal(normal),
-                MicrofacetDistribution { shape: SlopeDistribution::Ggx, alpha_x: alpha, alpha_y: alpha },
-            )
-        }
+        facets(self.roughness, self.anisotropic, normal, tangent)
     }
 }
 

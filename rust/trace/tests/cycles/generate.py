@@ -40,6 +40,7 @@ HAIR = {
 SHADERS = {
     "principled": "ShaderNodeBsdfPrincipled", "diffuse": "ShaderNodeBsdfDiffuse", "glossy": "ShaderNodeBsdfAnisotropic",
     "single_scattering_diffuse": "ShaderNodeBsdfDiffuse",
+    "metallic": "ShaderNodeBsdfMetallic", "sheen": "ShaderNodeBsdfSheen", "toon": "ShaderNodeBsdfToon",
     "glass": "ShaderNodeBsdfGlass", "refraction": "ShaderNodeBsdfRefraction",
     "translucent": "ShaderNodeBsdfTranslucent", "transparent": "ShaderNodeBsdfTransparent",
     "principled_hair": "ShaderNodeBsdfHairPrincipled", "hair_bsdf": "ShaderNodeBsdfHair",
@@ -62,6 +63,7 @@ PROPERTIES = {
     "blend": "blend_type", "clamp_factor": "clamp_factor", "clamp_result": "clamp_result", "kind": "vector_type",
     "mode": "mode", "space": "space", "invert": "invert", "interpolation": "interpolation_type",
     "extension": "extension", "model": "model", "pigment": "parametrization", "component": "component",
+    "fresnel": "fresnel_type",
 }  # fmt: skip
 OUTPUTS = {
     "color": "Color", "value": "Value", "vector": "Vector", "normal": "Normal", "fresnel": "Fresnel",
@@ -128,7 +130,8 @@ def set_property(node, field, value):
     elif node.bl_idname == "ShaderNodeTexImage":
         setattr(node, field, {"linear": "Linear", "closest": "Closest", "cubic": "Cubic"}.get(value, value.upper()))
     else:
-        cased = str.title if field == "component" else str.upper
+        cased = str.title if node.bl_idname == "ShaderNodeBsdfHair" and field == "component" else str.upper
+        name = "distribution" if node.bl_idname == "ShaderNodeBsdfSheen" else name
         setattr(node, name, cased(value) if isinstance(value, str) else value)
 
 
@@ -150,7 +153,7 @@ def build(tree, nodes):
                 continue
             # Blender hides sockets that the node's mode does not use.
             hidden = field in ("diffuse_roughness", "scale", "steps", "location")
-            hidden = hidden or spec["type"] in ("procedural", "principled_hair")
+            hidden = hidden or spec["type"] in ("procedural", "principled_hair", "metallic")
             if hidden and socket_name(field) not in node.inputs:
                 continue
             socket = input_of(node, field)
@@ -307,6 +310,34 @@ def closure_graphs():
     yield "weakly bent principled", [weak, {**PRINCIPLED, "normal": normal}]
 
 
+def metal_graphs():
+    """Needs Blender 4.3."""
+    metal = {
+        "type": "metallic", "base_color": [0.8, 0.5, 0.2], "edge_tint": [0.5, 0.8, 0.9], "ior": [0.2, 0.92, 1.1],
+        "extinction": [3.9, 2.4, 2.2], "anisotropy": 0.0, "rotation": 0.0, "normal": None, "tangent": None,
+    }  # fmt: skip
+    for fresnel in ("f82", "physical_conductor"):
+        for distribution in ("ggx", "beckmann", "multi_ggx"):
+            spec = {**metal, "fresnel": fresnel, "roughness": 0.6, "distribution": distribution}
+            yield f"metallic {fresnel} {distribution}", [spec]
+    along = {"type": "combine_xyz", "x": 0.8, "y": 0.6, "z": 0.0}
+    turned = {"anisotropy": 0.7, "rotation": 0.2, "tangent": {"node": 0, "output": "vector"}}
+    spec = {**metal, **turned, "fresnel": "f82", "roughness": 0.5, "distribution": "multi_ggx"}
+    yield "metallic anisotropic", [along, spec]
+
+
+def cloth_and_toon_graphs():
+    color = [0.8, 0.5, 0.2]
+    for model in ("microfiber", "ashikhmin"):
+        for roughness in (0.3, 0.8):
+            spec = {"type": "sheen", "model": model, "color": color, "roughness": roughness, "normal": None}
+            yield f"sheen {model} {roughness}", [spec]
+    for component in ("diffuse", "glossy"):
+        for size, smooth in ((0.4, 0.0), (0.3, 0.4), (0.8, 0.6)):
+            spec = {"type": "toon", "component": component, "color": color, "size": size, "smooth": smooth}
+            yield f"toon {component} {size} {smooth}", [{**spec, "normal": None}]
+
+
 def hair_graphs():
     """Hair on a mesh, whose tangents differ from triangle to triangle."""
     for pigment in ("melanin", "color", "absorption"):
@@ -424,7 +455,8 @@ def is_wanted(name):
 
 
 def measure_closures():
-    for name, nodes in closure_graphs():
+    metals = metal_graphs() if bpy.app.version >= (4, 3, 0) else ()
+    for name, nodes in (*closure_graphs(), *metals, *cloth_and_toon_graphs()):
         if not is_wanted(name):
             continue
         transmits = any(n["type"] in ("glass", "refraction") or n.get("transmission_weight") for n in nodes)
@@ -539,7 +571,7 @@ def main():
         "blender": known["blender"] if sys.argv[1:] else bpy.app.version_string,
         "closures": merged(known["closures"], closures),
         "values": merged(known["values"], values),
-        # Measured in Blender 5.3: the model of Huang et al. is mended from 4.5 on.
+        # Measured in Blender 5.3: the model of Huang et al. is mended from 4.5 on. So are metals in "closures", new in 4.3.
         "hair": merged(known.get("hair", []), list(measure_hair())),
         "lit_hair": merged(known.get("lit_hair", []), list(measure_lit_hair())),
     }
