@@ -571,7 +571,7 @@ def main():
         "blender": known["blender"] if sys.argv[1:] else bpy.app.version_string,
         "closures": merged(known["closures"], closures),
         "values": merged(known["values"], values),
-        # Measured in Blender 5.3: the model of Huang et al. is mended from 4.5 on. So are metals in "closures", new in 4.3.
+        # Measured in Blender 5.3, as the closures of metals are, new in 4.3: Huang's model is mended from 4.5 on.
         "hair": merged(known.get("hair", []), list(measure_hair())),
         "lit_hair": merged(known.get("lit_hair", []), list(measure_lit_hair())),
     }
