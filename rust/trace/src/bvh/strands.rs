@@ -54,10 +54,9 @@ impl StrandBlock {
         let empty = [0; WIDTH];
         let mut block = Self { ends: [empty; 6], reach: empty, ids: [u32::MAX; WIDTH], corner, step };
         for (lane, piece) in pieces.enumerate() {
-            let steps = [piece.start, piece.end].map(|end| (end - Vec3::from(corner)) / step);
-            for axis in 0..3 {
-                block.ends[axis][lane] = steps[0][axis].round() as u16;
-                block.ends[axis + 3][lane] = steps[1][axis].round() as u16;
+            let steps = [piece.start, piece.end].map(|end| ((end - Vec3::from(corner)) / step).to_array());
+            for (coordinates, steps) in block.ends.iter_mut().zip(steps.as_flattened()) {
+                coordinates[lane] = steps.round() as u16;
             }
             block.reach[lane] = (piece.reach / step + LATTICE_SLACK).ceil() as u16;
             block.ids[lane] = piece.id;

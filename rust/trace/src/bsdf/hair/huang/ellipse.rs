@@ -29,6 +29,17 @@ impl Ellipse {
         self.center - angle
     }
 
+    /// Place across the seen width, -1..1, of the point whose normal has the azimuth `phi`.
+    pub fn place(&self, phi: f32) -> f32 {
+        let (sin, cos) = phi.sin_cos();
+        (self.center - sin.atan2(self.minor * cos)).sin()
+    }
+
+    /// Length of outline for each radian of `gamma`.
+    pub fn arc(&self, gamma: f32) -> f32 {
+        (1.0 - (1.0 - self.minor * self.minor) * gamma.sin().powi(2)).sqrt()
+    }
+
     /// Point of the outline.
     fn point(&self, gamma: f32) -> Vec2 {
         let (sin, cos) = gamma.sin_cos();

@@ -57,8 +57,11 @@ pub struct Huang {
 const PLACES: usize = 4;
 /// Share of directions that are drawn evenly: the model's tails are longer than those of the lobes that they are drawn from.
 const EVEN: f32 = 0.1;
-/// Least and most walks for a value.
-const WALKS: [f32; 2] = [6.0, 48.0];
+/// Longest steps across the fibre for reflection and for what goes through it, in units of half its width and of the roughness.
+const REFLECTION_STEP: f32 = 0.7;
+const THROUGH_STEP: f32 = 0.8;
+/// Most pairs of steps.
+const MOST_PAIRS: f32 = 64.0;
 
 impl Huang {
     /// Fibre met by the ray back along the unit `wo`; nothing where the ray misses the ellipse within the circle that was hit.
@@ -86,15 +89,30 @@ impl Huang {
 }
 
 impl Huang {
-    /// Angles of places across the fibre that are seen, as their arc sines in units of the radius: the whole width, or that of
-    /// a pixel.
-    fn seen(&self) -> (f32, f32) {
-        let radius = self.ellipse.radius();
-        if self.coverage >= radius {
-            return (-1.0f32.asin(), 1.0f32.asin());
+    /// True if a pixel is narrower than the fibre, so that only a part of it is seen.
+    fn is_near(&self) -> bool {
+        self.coverage < self.ellipse.radius()
+    }
+
+    /// Places across the fibre that are seen, in units of half its seen width: all, or those of a pixel.
+    fn seen(&self) -> [f32; 2] {
+        if !self.is_near() {
+            return [-1.0, 1.0];
         }
-        let edge = |offset: f32| (offset / radius).clamp(-1.0, 1.0).asin();
-        (edge(self.fibre.offset - self.coverage), edge(self.fibre.offset + self.coverage))
+        [-self.coverage, self.coverage]
+            .map(|by| ((self.fibre.offset + by) / self.ellipse.radius()).clamp(-1.0, 1.0))
+    }
+
+    /// Those of [`Self::seen`] where the scales face the ray; nothing if none do.
+    fn facing(&self) -> Option<[f32; 2]> {
+        let (sin, cos) = sin_cos(self.wo);
+        let half_span = (-self.tilt.tan() * sin / cos).max(0.0).acos();
+        let phi = self.wo.x.atan2(self.wo.z);
+        let [low, high] = self.seen();
+        // Values grow without limit at the edges.
+        let low = low.max(self.ellipse.place(phi + half_span)).max(-0.999);
+        let high = high.min(self.ellipse.place(phi - half_span)).min(0.999);
+        (low < high).then_some([low, high])
     }
 
     fn world(&self, local: Vec3) -> Vec3 {
@@ -108,28 +126,53 @@ impl Huang {
         HairResponse { glossy: self.value(wi), glossy_pdf: self.pdf(wi), ..HairResponse::default() }
     }
 
+    /// Means over the places that are seen, by Simpson's rule with as few of them as Cycles takes: its error shows where hair
+    /// is flat or dark.
     fn value(&self, wi: Vec3) -> Vec3 {
         let minor = self.major.cross(self.fibre.along);
         let local = Vec3::new(self.major.dot(wi), self.fibre.along.dot(wi), minor.dot(wi));
-        let mut random = Randoms::new(wi.to_array());
-        let (low, high) = self.seen();
-        let width = high.sin() - low.sin();
-        let count = ((high - low) / (0.8 * self.roughness)).clamp(WALKS[0], WALKS[1]).ceil();
-        let step = (high - low) / count;
-        let (mut sum, mut rest) = (Vec3::ZERO, Vec3::ZERO);
-        for index in 0..count as u32 {
-            // Even in the angle, where lobes are as wide everywhere; weighted for places that are even in the width.
-            let angle = low + step * (index as f32 + random.next());
-            let share = angle.cos() * step / width;
-            if let Some(walk) = Walk::new(self, self.ellipse.gamma(angle)) {
-                let (direct, residual) = walk.towards(self, local, &mut random);
-                sum += direct * share;
-                rest += residual * share;
+        let ((sin_i, cos_i), (sin_o, cos_o)) = (sin_cos(local), sin_cos(self.wo));
+        let Some(places) = self.facing() else { return Vec3::ZERO };
+        if self.tilt.tan() * sin_i < -cos_i {
+            return Vec3::ZERO;
+        }
+        let mut reflected = 0.0;
+        if self.factors[0] > 0.0 {
+            for (gamma, weight) in self.nodes(places, REFLECTION_STEP) {
+                let walk = Walk::new(self, gamma);
+                let lit = walk.map_or(0.0, |walk| walk.reflection(local));
+                reflected += self.factors[0] * weight * self.ellipse.arc(gamma) * lit;
             }
         }
-        let about = longitudinal(sin_cos(local), sin_cos(self.wo), 4.0 * self.roughness) * 0.5 * FRAC_1_PI;
-        let value = sum + rest * about;
+        let (mut direct, mut rest) = (Vec3::splat(reflected), Vec3::ZERO);
+        if self.factors[1] > 0.0 || self.factors[2] > 0.0 {
+            let mut random = Randoms::new(wi.to_array());
+            for (gamma, weight) in self.nodes(places, THROUGH_STEP) {
+                let Some(walk) = Walk::new(self, gamma) else { continue };
+                let lit = walk.towards(self, local, &mut random);
+                direct += lit.direct * weight;
+                rest += lit.rest * weight;
+            }
+        }
+        let about =
+            longitudinal((sin_i, cos_i), (sin_o, cos_o), 4.0 * self.roughness) * FRAC_1_PI * FRAC_1_PI;
+        let [low, high] = self.seen();
+        let value = (direct + rest * about) / (cos_o * (high - low));
         if value.is_finite() { value } else { Vec3::ZERO }
+    }
+
+    /// Places as angles of the outline, each with its weight by Simpson's rule and the angle that a unit of the width has
+    /// there.
+    fn nodes(&self, [low, high]: [f32; 2], step: f32) -> impl Iterator<Item = (f32, f32)> {
+        let pairs = (0.5 * (high - low) / (step * self.roughness)).ceil().clamp(1.0, MOST_PAIRS);
+        let step = 0.5 * (high - low) / pairs;
+        (0..=2 * pairs as u32).map(move |index| {
+            let place = low + step * index as f32;
+            let is_end = index == 0 || index == 2 * pairs as u32;
+            let simpson = if is_end { 1.0 } else { 2.0 * (1.0 + (index % 2) as f32) };
+            let jacobian = 1.0 / (self.ellipse.radius() * (1.0 - place * place).sqrt());
+            (self.ellipse.gamma(place.asin()), simpson / 3.0 * step * jacobian)
+        })
     }
 
     /// Density of [`Self::sample`].
@@ -140,9 +183,8 @@ impl Huang {
 
     /// Model of a place across the fibre by lobes with a density.
     fn smooth(&self, place: usize) -> Chiang {
-        let (low, high) = self.seen();
-        let share = (place as f32 + 0.5) / PLACES as f32;
-        let offset = low.sin() + (high.sin() - low.sin()) * share;
+        let [low, high] = self.seen();
+        let offset = low + (high - low) * (place as f32 + 0.5) / PLACES as f32;
         let parameters = ChiangParameters {
             roughness: self.roughness,
             radial_roughness: self.roughness.max(0.4),
@@ -174,8 +216,7 @@ impl Huang {
     /// density: [`Self::eval`]'s is another one.
     pub fn walk(&self, u: [f32; 3]) -> Option<(Vec3, Vec3)> {
         let mut random = Randoms::new(u);
-        let (low, high) = self.seen();
-        let place = low.sin() + (high.sin() - low.sin()) * u[0];
+        let place = if self.is_near() { self.fibre.offset / self.ellipse.radius() } else { 2.0 * u[0] - 1.0 };
         let walk = Walk::new(self, self.ellipse.gamma(place.clamp(-1.0, 1.0).asin()))?;
         let exits = walk.exits(self, &mut random);
         let means = exits.map(|exit| exit.weight.element_sum() / 3.0);

@@ -85,13 +85,6 @@ impl Interface {
         Some(Self { gamma, outline, mean, from, cos, ior, facets, scale })
     }
 
-    /// Projected area of the scales along a direction, over that of the outline which they lie on. The model's value is a mean
-    /// over scales, so that tilted ones make it brighter or darker for rays along the fibre.
-    fn tilted_area(&self, direction: Vec3) -> f32 {
-        let ratio = self.mean.dot(direction) / self.outline.dot(direction);
-        if ratio.is_finite() { ratio.clamp(0.25, 4.0) } else { 1.0 }
-    }
-
     /// Smith's masking of a direction at `cos` to the mean normal.
     fn lambda(&self, cos: f32) -> f32 {
         let cos = cos.abs().clamp(1e-4, 1.0);
@@ -126,31 +119,56 @@ impl Interface {
         })
     }
 
-    /// `f |cos|` for light from `wi` outside; see [`crate::bsdf::Microfacet::eval`].
-    fn eval(&self, wi: Vec3, is_reflected: bool) -> f32 {
-        let side = if is_reflected { 1.0 } else { -1.0 };
-        let cos_i = self.mean.dot(wi) * side;
-        if cos_i <= 0.0 || self.outline.dot(wi) * side <= 0.0 {
+    /// Light from `wi` that the facets reflect, for an area of outline that the ray sees head on.
+    fn reflection(&self, wi: Vec3) -> f32 {
+        let half = (self.from + wi).normalize_or(self.mean);
+        let cos_half = half.dot(self.from);
+        // The outline hides directions here, whatever the scales' tilt is.
+        if cos_half <= 0.0 || self.outline.dot(wi) <= 0.0 {
             return 0.0;
         }
-        let half = if is_reflected { self.from + wi } else { self.from + wi * self.ior };
-        let Some(normal) = half.try_normalize() else { return 0.0 };
-        let normal = if normal.dot(self.mean) < 0.0 { -normal } else { normal };
-        let (cos_from, cos_to) = (normal.dot(self.from), normal.dot(wi) * side);
-        let cos_mean = normal.dot(self.mean);
-        if cos_from <= 0.0 || cos_to <= 0.0 || cos_mean <= 0.0 {
+        let (reflectance, _) = fresnel::dielectric(cos_half, self.ior);
+        0.25 * reflectance * self.scale * self.density(half) * self.masking(wi)
+    }
+
+    /// Likewise light that the facets refract from `wi` on the other side.
+    fn refraction(&self, wi: Vec3) -> f32 {
+        let half = self.from + wi * self.ior;
+        let length_squared = half.length_squared();
+        let half = half / length_squared.sqrt();
+        let (cos_from, cos_to) = (half.dot(self.from), -half.dot(wi));
+        if !self.refracts(wi) || half.dot(self.mean) < 0.0 {
             return 0.0;
         }
-        let (reflectance, _) = fresnel::dielectric(cos_from, self.ior);
-        let sin = (1.0 - cos_mean * cos_mean).max(0.0).sqrt();
-        let density = self.facets.density(Vec3::new(sin, 0.0, cos_mean));
-        let masking = 1.0 / (1.0 + self.lambda(self.cos) + self.lambda(cos_i));
-        let (share, jacobian) = if is_reflected {
-            (reflectance, 0.25)
-        } else {
-            (1.0 - reflectance, self.ior * self.ior * cos_from * cos_to / half.length_squared())
-        };
-        share * self.scale * density * masking * jacobian / self.cos
+        let (reflectance, _) = fresnel::dielectric(cos_from.max(0.0), self.ior);
+        let jacobian = self.ior * self.ior * cos_from * cos_to / length_squared;
+        (1.0 - reflectance) * self.scale * self.density(half) * self.masking(wi) * jacobian
+    }
+
+    /// True if some facet refracts light from `wi`, on the other side, which is the thinner one.
+    fn refracts(&self, wi: Vec3) -> bool {
+        -wi.dot(self.from) >= self.ior - 1e-5
+    }
+
+    /// True if neither the outline nor the scales' mean hides a direction on the other side from the facet that refracts it.
+    fn shows(&self, wi: Vec3) -> bool {
+        let half = self.from + wi * self.ior;
+        let sees = |normal: Vec3| self.from.dot(normal) > 0.0 && wi.dot(normal) < 0.0;
+        sees(self.mean) && sees(self.outline) && half.dot(self.mean) >= 0.0
+    }
+
+    fn density(&self, facet: Vec3) -> f32 {
+        let cos = facet.dot(self.mean);
+        self.facets.density(Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos))
+    }
+
+    fn masking(&self, wi: Vec3) -> f32 {
+        1.0 / (1.0 + self.lambda(self.cos) + self.lambda(self.mean.dot(wi)))
+    }
+
+    /// Area that the ray sees of the scales over what `inside` sees of them.
+    fn turned(&self, inside: Vec3) -> f32 {
+        self.cos / self.mean.dot(inside).abs()
     }
 }
 
@@ -158,13 +176,12 @@ impl Interface {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Walk {
     entry: Interface,
-    /// Factor on all values for the area of the scales.
-    area: f32,
 }
 
 /// Piece of the way within the fibre.
 #[derive(Clone, Copy, Debug)]
 struct Inside {
+    direction: Vec3,
     /// Interface that it comes to.
     interface: Interface,
     /// Transmittance of it.
@@ -178,7 +195,8 @@ impl Inside {
         let length = hair.ellipse.chord(gamma, end + PI);
         let steepness = direction.x.hypot(direction.z).max(1e-4);
         let interface = Interface::new(hair, end, -hair.tilt, -direction, 1.0 / hair.ior)?;
-        Some(Self { interface, transmittance: (hair.absorption * (-length / steepness)).map(f32::exp) })
+        let transmittance = (hair.absorption * (-length / steepness)).map(f32::exp);
+        Some(Self { direction, interface, transmittance })
     }
 
     /// Angle of the outward normal where it ends.
@@ -187,19 +205,28 @@ impl Inside {
     }
 }
 
-/// Light that went on within the fibre, up to its first two interfaces.
+/// Light that is refracted into the fibre.
 #[derive(Clone, Copy, Debug)]
 struct Through {
-    /// Weight where it comes to the second interface.
+    /// Share that the first facet lets in, and of that what comes to the second interface.
+    entered: f32,
     weight: Vec3,
     second: Inside,
+}
+
+/// Light that comes from one direction to a place of the outline, for an area that the ray sees head on.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Lit {
+    /// Transmitted and internally reflected light.
+    pub direct: Vec3,
+    /// Weight of the rest, whose direction is not known.
+    pub rest: Vec3,
 }
 
 impl Walk {
     /// Way from the place `gamma` of the outline; nothing if that is turned away.
     pub fn new(hair: &Huang, gamma: f32) -> Option<Self> {
-        let entry = Interface::new(hair, gamma, hair.tilt, hair.wo, hair.ior)?;
-        Some(Self { entry, area: entry.tilted_area(hair.wo) })
+        Some(Self { entry: Interface::new(hair, gamma, hair.tilt, hair.wo, hair.ior)? })
     }
 
     fn through(&self, hair: &Huang, facet: &Facet) -> Option<Through> {
@@ -208,9 +235,9 @@ impl Walk {
             return None;
         }
         let second = Inside::new(hair, self.entry.gamma, direction)?;
-        let area = second.interface.tilted_area(-direction) / self.entry.tilted_area(-direction);
-        let entered = (1.0 - facet.reflectance) * self.entry.scale * unmasked * self.area * area;
-        Some(Through { weight: second.transmittance * entered, second })
+        let entered = 1.0 - facet.reflectance;
+        let weight = second.transmittance * (entered * self.entry.scale * unmasked);
+        Some(Through { entered, weight, second })
     }
 
     /// Reflection, transmission, internal reflection, and the rest, whose direction is not known.
@@ -218,7 +245,7 @@ impl Walk {
         let mut exits = [Exit::default(); 4];
         let Some(first) = self.entry.facet(random.pair()) else { return exits };
         let [reflection, transmission, internal] = hair.factors;
-        let reflected = reflection * first.reflectance * self.entry.scale * first.reflected.1 * self.area;
+        let reflected = reflection * first.reflectance * self.entry.scale * first.reflected.1;
         exits[0] = Exit { direction: first.reflected.0, weight: Vec3::splat(reflected) };
         let Some(through) = self.through(hair, &first) else { return exits };
         let second = &through.second.interface;
@@ -232,23 +259,42 @@ impl Walk {
             direction: last.refracted.0,
             weight: weight * (internal * (1.0 - last.reflectance) * third.interface.scale * last.refracted.1),
         };
-        exits[3].weight = residual(&through, &facet, weight, &third, &last);
+        exits[3].weight = rest_of_walk(&through, &facet, weight, &third, &last);
         exits
     }
 
-    /// Value of light from `wi` that is reflected, transmitted or internally reflected, and weight of the rest.
-    pub fn towards(&self, hair: &Huang, wi: Vec3, random: &mut Randoms) -> (Vec3, Vec3) {
-        let [reflection, transmission, internal] = hair.factors;
-        let mut value = Vec3::splat(reflection * self.area * self.entry.eval(wi, true));
-        let Some(first) = self.entry.facet(random.pair()) else { return (value, Vec3::ZERO) };
-        let Some(through) = self.through(hair, &first) else { return (value, Vec3::ZERO) };
-        value += through.weight * (transmission * through.second.interface.eval(wi, false));
-        let Some(facet) = through.second.interface.facet(random.pair()) else { return (value, Vec3::ZERO) };
-        let Some((weight, third)) = through.reflected(hair, &facet) else { return (value, Vec3::ZERO) };
-        value += weight * (internal * third.interface.eval(wi, false));
-        let last = third.interface.facet(random.pair());
-        let rest = last.map_or(Vec3::ZERO, |last| residual(&through, &facet, weight, &third, &last));
-        (value, rest)
+    /// Light from `wi` that is reflected, for an area of outline that the ray sees head on.
+    pub fn reflection(&self, wi: Vec3) -> f32 {
+        self.entry.reflection(wi)
+    }
+
+    /// Light from `wi` that goes through the fibre.
+    pub fn towards(&self, hair: &Huang, wi: Vec3, random: &mut Randoms) -> Lit {
+        let mut lit = Lit::default();
+        let [_, transmission, internal] = hair.factors;
+        let Some(first) = self.entry.facet(random.pair()) else { return lit };
+        let Some(through) = self.through(hair, &first) else { return lit };
+        let second = &through.second;
+        let weight = through.weight * self.entry.turned(second.direction);
+        let seen = hair.ellipse.arc(second.interface.gamma) * second.interface.refraction(wi);
+        lit.direct = weight * (transmission * seen);
+        if internal <= 0.0 {
+            return lit;
+        }
+        let Some(facet) = second.interface.facet(random.pair()) else { return lit };
+        let direction = facet.reflected.0;
+        if wi.dot(direction) < 1.0 / hair.ior - 1e-5 {
+            lit.rest = through.rest(facet.reflectance);
+            return lit;
+        }
+        let Some((reflected, third)) = through.reflected(hair, &facet) else { return lit };
+        lit.rest = through.rest(facet.reflectance);
+        if third.interface.shows(wi) {
+            let turned = self.entry.turned(second.direction) * second.interface.turned(direction);
+            let seen = hair.ellipse.arc(third.interface.gamma) * third.interface.refraction(wi);
+            lit.direct += reflected * (internal * turned * seen);
+        }
+        lit
     }
 }
 
@@ -260,15 +306,23 @@ impl Through {
             return None;
         }
         let third = Inside::new(hair, self.second.outward(), direction)?;
-        let area = third.interface.tilted_area(-direction) / self.second.interface.tilted_area(direction);
-        let reflected = facet.reflectance * self.second.interface.scale * unmasked * area;
+        let reflected = facet.reflectance * self.second.interface.scale * unmasked;
         Some((self.weight * third.transmittance * reflected, third))
+    }
+
+    /// Weight of light that is reflected twice and more within, by what its first chord absorbs and its second facet reflects:
+    /// Cycles' rest of what lamps light.
+    fn rest(&self, reflectance: f32) -> Vec3 {
+        let absorbed = self.second.transmittance;
+        let leaves = (1.0 - reflectance).max(1e-5);
+        let twice = absorbed * absorbed * absorbed * (reflectance * reflectance);
+        twice * (self.entered * leaves) / (1.0 - absorbed * (1.0 - leaves))
     }
 }
 
-/// Weight of light that is reflected twice and more within, as a geometric series of what it met before: Cycles' form of
-/// Chiang et al.'s rest.
-fn residual(through: &Through, facet: &Facet, weight: Vec3, third: &Inside, last: &Facet) -> Vec3 {
+/// Weight of light that is reflected twice and more within, as a geometric series of what it met before (Chiang et al. 2016):
+/// Cycles' rest of what bounces.
+fn rest_of_walk(through: &Through, facet: &Facet, weight: Vec3, third: &Inside, last: &Facet) -> Vec3 {
     let absorbed = (through.second.transmittance * third.transmittance).map(f32::sqrt);
     let leaves = (1.0 - 0.5 * (facet.reflectance + last.reflectance)).max(1e-5);
     let reflected = last.reflectance * third.interface.scale * last.reflected.1;
