@@ -101,8 +101,8 @@ def build():
     """Builds the scene in the file that is open."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.preferences.addon_enable(module="cycles")
-    stone = material("Stone", Base_Color=(0.35, 0.34, 0.33, 1.0), Roughness=0.7)
-    add_room(stone, material("Plaster", Base_Color=(0.6, 0.58, 0.55, 1.0), Roughness=0.9), stone)
+    stone = material("Stone", Base_Color=(0.2, 0.19, 0.18, 1.0), Roughness=0.7)
+    add_room(stone, material("Plaster", Base_Color=(0.16, 0.17, 0.19, 1.0), Roughness=0.9), stone)
     head = add(
         bpy.ops.mesh.primitive_monkey_add,
         "Head",
@@ -117,8 +117,8 @@ def build():
     add_hair(head, add_hair_material())
     add_fog()
     target = Vector((0.05, 0.45, 1.05))
-    add_light("Key", "AREA", (1.9, -1.5, 2.4), target, 90, (1.0, 0.85, 0.7), shape="RECTANGLE", size=1.2, size_y=0.7)
-    add_light("Rim", "SPOT", (-1.2, 1.7, 2.9), target, 140, (0.55, 0.72, 1.0), shadow_soft_size=0.12, spot_size=0.7)
+    add_light("Key", "AREA", (1.9, -1.5, 2.4), target, 130, (1.0, 0.85, 0.7), shape="RECTANGLE", size=1.2, size_y=0.7)
+    add_light("Rim", "SPOT", (-1.2, 1.7, 2.9), target, 900, (0.55, 0.72, 1.0), shadow_soft_size=0.12, spot_size=0.6)
     add_light("Fill", "POINT", (-1.7, -1.2, 0.9), target, 7, (1.0, 0.5, 0.35), shadow_soft_size=0.3)
     camera = add_camera()
     camera.location = (0.9, -4.3, 1.45)

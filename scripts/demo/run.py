@@ -144,7 +144,7 @@ class Demo:
         self.relight("evening", "--lights", self.lights("evening", EVENING))
         self.relight("night", "--lights", self.lights("night", NIGHT))
         self.find_hidden_light()
-        self.write_overview()
+        write_overview(self.out)
         self.write_reports()
 
     def find_hidden_light(self):
@@ -174,15 +174,6 @@ class Demo:
         for channel, true, solved in zip("RGB", power(HIDDEN), power(found), strict=True):
             self.note(f"Hidden light: power {channel}, found / true", round(solved / true, 4), "")
 
-    def write_overview(self):
-        """overview.png: the three lightings side by side."""
-        pictures = [Image.open(self.out / f"{name}.png").convert("RGB") for name in ("own_lights", "evening", "night")]
-        width, height = pictures[0].size
-        overview = Image.new("RGB", (len(pictures) * width, height))
-        for column, picture in enumerate(pictures):
-            overview.paste(picture, (column * width, 0))
-        overview.save(self.out / "overview.png")
-
     def write_reports(self):
         """report.json and report.html."""
         measured = json.loads((self.bake / "proxy_sphere.json").read_text())
@@ -195,6 +186,16 @@ class Demo:
         for record in self.records:
             print(f"{record['name']:45} {record['value']} {record['unit']}")
         print(f"\nPictures and report: {self.out / 'report.html'}")
+
+
+def write_overview(out):
+    """overview.png: the three lightings in a folder side by side."""
+    pictures = [Image.open(out / f"{name}.png").convert("RGB") for name in ("own_lights", "evening", "night")]
+    width, height = pictures[0].size
+    overview = Image.new("RGB", (len(pictures) * width, height))
+    for column, picture in enumerate(pictures):
+        overview.paste(picture, (column * width, 0))
+    overview.save(out / "overview.png")
 
 
 def power(light):

@@ -45,6 +45,8 @@ OLDEST_BLENDER = (5, 2)
 OLDEST_SUPPORTED = (4, 2)
 OLDEST_ON_VULKAN = (4, 5)
 """Before, Blender's own Vulkan was a trial."""
+MADE = {"demo.blend": "make_scene.py", "creature.blend": "make_creature.py"}
+"""Scenes that a script of the demo makes."""
 SCENES = Path(os.environ.get("RELUME_SCENES") or REPOSITORY.parent / "shared" / "scenes")
 
 sys.path[:0] = [str(HARNESS), str(REPOSITORY / "scripts")]
@@ -212,8 +214,8 @@ def fetch_scene(room, name):
     target = room.folder / "scenes" / name
     if target.exists():
         return True
-    if name == "demo.blend":
-        maker = REPOSITORY / "scripts" / "demo" / "make_scene.py"
+    if name in MADE:
+        maker = REPOSITORY / "scripts" / "demo" / MADE[name]
         subprocess.run([PYTHON, maker, target], check=True, stdout=subprocess.DEVNULL)
         return True
     source = SCENES / name
