@@ -184,6 +184,7 @@ fn whatever_the_size_of_an_area_light_is_taken_for_its_place_and_tilt_are_found(
 }
 
 #[test]
+#[ignore = "takes minutes"]
 fn paths_that_look_for_a_disk_tell_its_size() {
     let edge_v = 0.42 * Vec3::Y;
     let hidden = LightShape::Ellipse { center: AT, edge_u: 0.42 * EDGE_U.normalize(), edge_v, spread: PI };
@@ -205,6 +206,7 @@ fn paths_that_look_for_a_disk_tell_its_size() {
 }
 
 #[test]
+#[ignore = "takes minutes"]
 fn the_sides_of_a_large_area_light_in_its_place_are_found() {
     let bakes = Bakes::open();
     for round in [false, true] {
@@ -248,6 +250,7 @@ fn on_wall(light: &LightShape) -> (Vec3, f32) {
 }
 
 #[test]
+#[ignore = "takes minutes"]
 fn place_aim_and_cone_of_a_spot_are_found() {
     let hidden = spot(HANGS, AIM, 0.5, 0.3);
     let free = ["position", "direction", "cone", "color", "strength"];
