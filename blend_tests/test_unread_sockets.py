@@ -17,10 +17,11 @@ WITHOUT_EFFECT = {
         *("Transmission Dispersion Scale", "Transmission Dispersion Abbe Number", "Thin Wall"),
     },
     "ShaderNodeBsdfGlass": {"Rotation", "Tangent", "Thin Film IOR"},
+    "ShaderNodeBsdfMetallic": {"IOR", "Extinction", "Thin Film IOR"},
     "ShaderNodeVolumeScatter": {"IOR", "Backscatter", "Alpha", "Diameter"},
     "ShaderNodeVolumeCoefficients": {"IOR", "Backscatter", "Alpha", "Diameter"},
 }
-"""Inputs that do nothing as long as another, which is named, is 0, or of phase functions that are not the default."""
+"""Inputs that do nothing as long as another, which is named, is 0, or of models that are not the default."""
 
 
 def closure(name, kind, linked=None):
