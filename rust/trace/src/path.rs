@@ -23,6 +23,8 @@ pub(crate) struct PathState {
     pub receiver: u16,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::SampleReach::Lights`]).
     pub lights_only: Option<LightsOnly>,
+    /// True if lights along the current segment do not count ([`BsdfSample::unlit`]).
+    unlit: bool,
     /// End of the segment before, if that was left out of the record. Segments that continue its ray are left out, too.
     pub left_out: Option<End>,
     /// Smallest density of the path's directions so far (Filter Glossy).
@@ -63,6 +65,7 @@ impl PathState {
             light_lobe: Lobe::Camera,
             receiver: 0,
             lights_only: None,
+            unlit: false,
             left_out: None,
             min_pdf: f32::INFINITY,
             bounces: 0,
@@ -124,7 +127,7 @@ impl PathState {
         self.throughput *= weight;
         self.min_pdf = self.min_pdf.min(pdf);
         (self.lobe, self.light_lobe, self.is_diffuse) = (Lobe::Volume, Lobe::Volume, false);
-        (self.through_transparent, self.continues) = (false, false);
+        (self.through_transparent, self.continues, self.unlit) = (false, false, false);
         self.bounces += 1;
         self.volume += 1;
         self.last_surface |= self.volume > limits.volume || self.bounces > limits.total;
@@ -147,7 +150,7 @@ impl PathState {
     /// True if lights along the current segment count: where they are sampled from surfaces, no more transparent ones
     /// may lie before them than the limit says. `is_found` where only the path itself can hit them, as in mirrors.
     pub fn sees_lights(&self, limits: &BounceLimits, is_found: bool) -> bool {
-        is_found || self.transparent <= limits.transparent
+        !self.unlit && (is_found || self.transparent <= limits.transparent)
     }
 
     /// Scatters at a surface (`path_state_next`). Cycles' kernel limits are the settings plus one, so that a light is
@@ -159,6 +162,7 @@ impl PathState {
         self.is_diffuse = sample.diffuse;
         self.was_diffuse |= sample.diffuse;
         self.light_lobe = sample.light_lobe;
+        self.unlit = sample.unlit;
         (self.through_transparent, self.continues) = (false, false);
         self.bounces += 1;
         let (count, limit) = match sample.lobe {
@@ -186,7 +190,19 @@ mod tests {
             singular: false,
             transparent: false,
             lights_only: false,
+            unlit: false,
         }
+    }
+
+    #[test]
+    fn lights_do_not_count_where_a_sample_says_so() {
+        let limits = BounceLimits::default();
+        let mut path = PathState::new();
+        path.scatter(&BsdfSample { unlit: true, ..bounce(Lobe::Glossy) }, &limits);
+        path.pass_through(Vec3::ONE, &limits);
+        assert!(!path.sees_lights(&limits, false) && !path.sees_lights(&limits, true));
+        path.scatter(&bounce(Lobe::Diffuse), &limits);
+        assert!(path.sees_lights(&limits, false));
     }
 
     #[test]

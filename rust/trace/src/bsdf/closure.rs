@@ -140,7 +140,7 @@ impl Closure {
                 let (wi, lobe, response) = model.sample(u, is_mixed())?;
                 let (value, pdf) = (response.value(), response.pdf());
                 let transmitted = response.transmitted_share();
-                let reach = SampleReach::Path;
+                let reach = if model.is_lit(wi) { SampleReach::Path } else { SampleReach::Unlit };
                 return Some(ClosureSample { wi, value, pdf, singular: false, lobe, reach, transmitted });
             }
             Scatter::Transparent => {

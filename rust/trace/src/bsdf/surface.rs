@@ -38,6 +38,8 @@ pub struct BsdfSample {
     /// True if `wi` is between the true and the shading surface: the ray then only lights the surface, see
     /// [`SampleReach::Lights`].
     pub lights_only: bool,
+    /// True if lights along `wi` do not count, see [`SampleReach::Unlit`].
+    pub unlit: bool,
 }
 
 impl BsdfSample {
@@ -279,6 +281,7 @@ impl Surface {
             singular: choice.singular,
             transparent: matches!(closure.scatter, Scatter::Transparent),
             lights_only: choice.reach == SampleReach::Lights,
+            unlit: choice.reach == SampleReach::Unlit,
         })
     }
 
@@ -326,6 +329,7 @@ impl Surface {
             singular: false,
             transparent: false,
             lights_only: reach == SampleReach::Lights,
+            unlit: false,
         })
     }
 

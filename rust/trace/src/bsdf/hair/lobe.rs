@@ -54,14 +54,23 @@ impl HairLobe {
         (bound(-FRAC_PI_2), bound(FRAC_PI_2))
     }
 
-    /// See [`super::Hair::eval`]. As where Cycles samples lights, nothing comes from the other side of the shading normal,
-    /// though samples may go there.
+    /// See [`super::Hair::eval`].
     pub fn eval(&self, wi: Vec3) -> HairResponse {
-        let (sin_i, cos_i, phi) = self.fibre.angles(wi);
+        if self.is_lit(wi) { self.response(wi) } else { HairResponse::default() }
+    }
+
+    /// True if lights are sampled in this direction. As in Cycles, they are not on the other side of the shading normal,
+    /// though paths go there.
+    pub fn is_lit(&self, wi: Vec3) -> bool {
         let is_reflected = self.side == HairSide::Reflection;
-        let is_seen =
-            (self.normal.dot(wi) >= 0.0) == is_reflected && (phi.abs() <= FRAC_PI_2 || !is_reflected);
-        if !is_seen || cos_i < 1e-3 {
+        let is_beyond = self.fibre.angles(wi).2.abs() > FRAC_PI_2;
+        (self.normal.dot(wi) >= 0.0) == is_reflected && !(is_reflected && is_beyond)
+    }
+
+    /// Scattering of paths, which reflection also sends where no lights are sampled.
+    pub fn response(&self, wi: Vec3) -> HairResponse {
+        let (sin_i, cos_i, phi) = self.fibre.angles(wi);
+        if cos_i < 1e-3 {
             return HairResponse::default();
         }
         let (low, high) = self.span();
@@ -75,6 +84,9 @@ impl HairLobe {
             }
             HairSide::Transmission => {
                 let off = PI - phi.abs();
+                if !self.is_lit(wi) {
+                    return HairResponse::default();
+                }
                 let cauchy = 0.5 * longitudinal * about / (off * off + about * about);
                 HairResponse {
                     // The value is as high as if there were nothing in the half turn about the ray's origin.

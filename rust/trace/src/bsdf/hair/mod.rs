@@ -133,8 +133,19 @@ impl Hair {
             Self::Huang(model) => model.sample(u)?,
             Self::Lobe(model) => model.sample(u),
         };
-        let response = self.eval(wi);
+        let response = match self {
+            Self::Lobe(model) => model.response(wi),
+            _ => self.eval(wi),
+        };
         (response.pdf() > 0.0).then_some((wi, lobe, response))
+    }
+
+    /// True if lights count in the direction of a sample.
+    pub fn is_lit(&self, wi: Vec3) -> bool {
+        match self {
+            Self::Lobe(model) => model.is_lit(wi),
+            _ => true,
+        }
     }
 
     /// Share of uniform light that is scattered.

@@ -190,6 +190,19 @@ fn each_lobe_carries_what_it_should() {
 }
 
 #[test]
+fn reflection_of_the_hair_bsdf_goes_behind_the_normal_where_lights_do_not_count() {
+    for wo in views() {
+        let surface = surface(lobe(HairSide::Reflection, wo), wo);
+        let mut random = Random(7);
+        let samples: Vec<_> = (0..20_000).filter_map(|_| surface.sample(random.next3())).collect();
+        assert!(samples.iter().all(|sample| sample.unlit || sample.wi.z >= 0.0), "{wo}");
+        assert!(samples.iter().any(|sample| sample.unlit), "{wo}");
+        let returned = samples.iter().map(|sample| sample.weight.x).sum::<f32>() / 20_000.0;
+        assert!((returned - 1.0).abs() < 0.01, "{wo}: {returned}");
+    }
+}
+
+#[test]
 fn walks_through_the_fibre_are_what_evaluation_says() {
     // Cycles walks with what tilt and more than one reflection within are for lamps only roughly.
     let plain = HuangParameters { tilt: 0.0, factors: [1.0, 1.0, 0.0], ..HUANG };
