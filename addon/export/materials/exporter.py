@@ -25,6 +25,8 @@ NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, Ty
 """Exceptions of a graph that holds something unforeseen."""
 DEEPEST = 10_000
 """Calls within calls while a graph is followed, about seven for each node."""
+TOO_DEEP = (RecursionError, MemoryError)
+"""Exceptions of more calls than that. Blender makes the second of the first where it gives out one of its objects."""
 FINE_STEPS = 0.1
 """Step rate up to which Cycles' march through media is right to some 1 %."""
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
@@ -92,9 +94,9 @@ class MaterialExporter:
                 translation.warn("one of its values is not a finite number; taken as grey diffuse")
                 description |= {"nodes": [DEFAULT_SURFACE], "surface": 0}
             number = self.builder.add_material(json.dumps(description))
-        except NOT_UNDERSTOOD as error:
+        except (*NOT_UNDERSTOOD, *TOO_DEEP) as error:
             translation.attributes.clear()
-            reason = "too many follow each other" if isinstance(error, RecursionError) else error
+            reason = "too many follow each other" if isinstance(error, TOO_DEEP) else error
             translation.warn(f"its nodes are not understood ({reason}); taken as grey diffuse")
             description = {"name": translation.title, "nodes": [DEFAULT_SURFACE], "surface": 0}
             number = self.builder.add_material(json.dumps(description))
