@@ -21,12 +21,12 @@ from .volumes import DEFAULT_VOLUME, VOLUMES
 TABLES = NodeTables(CLOSURES | HAIR_CLOSURES, FALLBACK_CLOSURES, VOLUMES, VALUES | HAIR_VALUES)
 
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
-NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
-"""Exceptions of a graph that holds something unforeseen."""
 DEEPEST = 10_000
 """Calls within calls while a graph is followed, about seven for each node."""
 TOO_DEEP = (RecursionError, MemoryError)
 """Exceptions of more calls than that. Blender makes the second of the first where it gives out one of its objects."""
+NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError, *TOO_DEEP)
+"""Exceptions of a graph that holds something unforeseen."""
 FINE_STEPS = 0.1
 """Step rate up to which Cycles' march through media is right to some 1 %."""
 TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
@@ -94,7 +94,7 @@ class MaterialExporter:
                 translation.warn("one of its values is not a finite number; taken as grey diffuse")
                 description |= {"nodes": [DEFAULT_SURFACE], "surface": 0}
             number = self.builder.add_material(json.dumps(description))
-        except (*NOT_UNDERSTOOD, *TOO_DEEP) as error:
+        except NOT_UNDERSTOOD as error:
             translation.attributes.clear()
             reason = "too many follow each other" if isinstance(error, TOO_DEEP) else error
             translation.warn(f"its nodes are not understood ({reason}); taken as grey diffuse")
