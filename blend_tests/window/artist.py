@@ -12,7 +12,7 @@ from driver import ADDON
 
 FIRST_PICTURE_SECONDS = 120
 WORK_SECONDS = 600
-EXPOSURE_ACROSS = 0.63
+EXPOSURE_ACROSS = 0.66
 """Where the fields of exposure are in the width of the side bar."""
 SWITCHES = ["show_gizmo", "show_region_ui", "show_region_toolbar", "show_region_header", "show_region_tool_header"]
 
