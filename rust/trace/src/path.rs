@@ -147,8 +147,8 @@ impl PathState {
         limits.transparent.saturating_sub(self.transparent)
     }
 
-    /// True if lights along the current segment count: where they are sampled from surfaces, no more transparent ones
-    /// may lie before them than the limit says. `is_found` where only the path itself can hit them, as in mirrors.
+    /// True if lights along the current segment count: the sample that made it allows them. Where they are sampled from
+    /// surfaces, no more transparent ones may lie before them than the limit says. `is_found` where only the path itself can hit them, as in mirrors.
     pub fn sees_lights(&self, limits: &BounceLimits, is_found: bool) -> bool {
         !self.unlit && (is_found || self.transparent <= limits.transparent)
     }

@@ -19,7 +19,7 @@ pub enum SampleReach {
     /// The direction is between the true and the shading surface: the path ends with it, but lights along it count. As
     /// in Cycles, which lets light samples but no paths through there.
     Lights,
-    /// The path goes on, but lights along the direction do not count. As in Cycles, which there samples no lights.
+    /// The path goes on, but lights along the direction do not count, since Cycles samples none there.
     Unlit,
 }
 

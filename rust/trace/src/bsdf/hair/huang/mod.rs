@@ -103,7 +103,7 @@ impl Huang {
             .map(|by| ((self.fibre.offset + by) / self.ellipse.radius()).clamp(-1.0, 1.0))
     }
 
-    /// Those of [`Self::seen`] where the scales face the ray; nothing if none do.
+    /// Places that are seen, as of [`Self::seen`], and whose scales face the ray; nothing if there are none.
     fn facing(&self) -> Option<[f32; 2]> {
         let (sin, cos) = sin_cos(self.wo);
         let half_span = (-self.tilt.tan() * sin / cos).max(0.0).acos();

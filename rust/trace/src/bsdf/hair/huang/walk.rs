@@ -131,7 +131,7 @@ impl Interface {
         0.25 * reflectance * self.scale * self.density(half) * self.masking(wi)
     }
 
-    /// Likewise light that the facets refract from `wi` on the other side.
+    /// Light from `wi` on the other side that the facets refract, for an area of outline that the ray sees head on.
     fn refraction(&self, wi: Vec3) -> f32 {
         let half = self.from + wi * self.ior;
         let length_squared = half.length_squared();
@@ -150,8 +150,8 @@ impl Interface {
         -wi.dot(self.from) >= self.ior - 1e-5
     }
 
-    /// True if neither the outline nor the scales' mean hides a direction on the other side from the facet that refracts it.
-    fn shows(&self, wi: Vec3) -> bool {
+    /// True if neither the outline nor the scales' mean hides `wi`, on the other side, from the facet that refracts it.
+    fn is_visible(&self, wi: Vec3) -> bool {
         let half = self.from + wi * self.ior;
         let sees = |normal: Vec3| self.from.dot(normal) > 0.0 && wi.dot(normal) < 0.0;
         sees(self.mean) && sees(self.outline) && half.dot(self.mean) >= 0.0
@@ -167,7 +167,7 @@ impl Interface {
     }
 
     /// Area that the ray sees of the scales over what `inside` sees of them.
-    fn turned(&self, inside: Vec3) -> f32 {
+    fn foreshortening(&self, inside: Vec3) -> f32 {
         self.cos / self.mean.dot(inside).abs()
     }
 }
@@ -208,8 +208,9 @@ impl Inside {
 /// Light that is refracted into the fibre.
 #[derive(Clone, Copy, Debug)]
 struct Through {
-    /// Share that the first facet lets in, and of that what comes to the second interface.
+    /// Share that the first facet lets in.
     entered: f32,
+    /// Weight where it comes to the second interface.
     weight: Vec3,
     second: Inside,
 }
@@ -275,7 +276,7 @@ impl Walk {
         let Some(first) = self.entry.facet(random.pair()) else { return lit };
         let Some(through) = self.through(hair, &first) else { return lit };
         let second = &through.second;
-        let weight = through.weight * self.entry.turned(second.direction);
+        let weight = through.weight * self.entry.foreshortening(second.direction);
         let seen = hair.ellipse.arc(second.interface.gamma) * second.interface.refraction(wi);
         lit.direct = weight * (transmission * seen);
         if internal <= 0.0 {
@@ -289,10 +290,11 @@ impl Walk {
         }
         let Some((reflected, third)) = through.reflected(hair, &facet) else { return lit };
         lit.rest = through.rest(facet.reflectance);
-        if third.interface.shows(wi) {
-            let turned = self.entry.turned(second.direction) * second.interface.turned(direction);
+        if third.interface.is_visible(wi) {
+            let area =
+                self.entry.foreshortening(second.direction) * second.interface.foreshortening(direction);
             let seen = hair.ellipse.arc(third.interface.gamma) * third.interface.refraction(wi);
-            lit.direct += reflected * (internal * turned * seen);
+            lit.direct += reflected * (internal * area * seen);
         }
         lit
     }
@@ -310,8 +312,8 @@ impl Through {
         Some((self.weight * third.transmittance * reflected, third))
     }
 
-    /// Weight of light that is reflected twice and more within, by what its first chord absorbs and its second facet reflects:
-    /// Cycles' rest of what lamps light.
+    /// Weight of light from lamps that is reflected twice and more within, as Cycles has it. It is a geometric series of what
+    /// the first chord absorbs and the second facet reflects.
     fn rest(&self, reflectance: f32) -> Vec3 {
         let absorbed = self.second.transmittance;
         let leaves = (1.0 - reflectance).max(1e-5);
@@ -320,8 +322,8 @@ impl Through {
     }
 }
 
-/// Weight of light that is reflected twice and more within, as a geometric series of what it met before (Chiang et al. 2016):
-/// Cycles' rest of what bounces.
+/// Weight of bounced light that is reflected twice and more within, as Cycles has it. It is a geometric series of what the
+/// light met before (Chiang et al. 2016).
 fn rest_of_walk(through: &Through, facet: &Facet, weight: Vec3, third: &Inside, last: &Facet) -> Vec3 {
     let absorbed = (through.second.transmittance * third.transmittance).map(f32::sqrt);
     let leaves = (1.0 - 0.5 * (facet.reflectance + last.reflectance)).max(1e-5);
