@@ -25,6 +25,7 @@ pub(crate) fn lights() -> Vec<Light> {
         radiance: [100.0, 3.0, 0.5],
         lobes: LobeFactors::default(),
         receivers: None,
+        map: None,
     })
     .into()
 }

@@ -327,6 +327,7 @@ mod tests {
             radiance: [1.0; 3],
             lobes: LobeFactors::default(),
             receivers: None,
+            map: None,
         });
         assert_eq!(lit.hash(), scene().hash());
     }

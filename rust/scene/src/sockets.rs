@@ -2,7 +2,7 @@
 
 use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
-    HairPigment, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric, MixData,
+    HairPigment, IesProfile, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric, MixData,
     MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel, TexCoord, ToonComponent,
     VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
 };
@@ -34,7 +34,7 @@ macro_rules! properties {
     };
 }
 
-properties![bool, f32, usize, NodeId, String];
+properties![bool, f32, usize, NodeId, String, IesProfile];
 properties![BlendMode, ColorMode, Curve, Distribution, Extension, Interpolation, MapRangeKind, MappingKind];
 properties![HairComponent, HairModel, HairPigment, MetalFresnel, SheenModel, ToonComponent];
 properties![MathOp, MixData, MultipleScattering, NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp];

@@ -15,7 +15,7 @@ const SEGMENTS_PER_PATH: usize = 4;
 
 pub fn light(shape: LightShape) -> Light {
     let lobes = LobeFactors::default();
-    Light { name: "bench".into(), shape, radiance: [1.0; 3], lobes, receivers: None }
+    Light { name: "bench".into(), shape, radiance: [1.0; 3], lobes, receivers: None, map: None }
 }
 
 /// Lights of the size of lamps in a room of 8 x 8 x 8 m.

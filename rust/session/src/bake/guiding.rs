@@ -271,6 +271,7 @@ mod tests {
             radiance: [1.0; 3],
             lobes: LobeFactors::default(),
             receivers: None,
+            map: None,
         }
     }
 

@@ -196,7 +196,7 @@ impl Unknowns {
             return;
         }
         for variable in &mut self.variables {
-            let Some(kind) = LightKind::of(&variable.light.shape) else { continue };
+            let Some(kind) = LightKind::of_light(&variable.light) else { continue };
             for trained in relighters.iter().filter_map(|relighter| relighter.proxies().of(kind)) {
                 let info = trained.proxy.info();
                 let corner =
@@ -280,5 +280,5 @@ fn new_shape(kind: NewLightKind, (low, high): (Vec3, Vec3), views: &[&Relighter]
 }
 
 fn plain(name: &str, shape: LightShape) -> Light {
-    Light { name: name.into(), shape, radiance: [1.0; 3], lobes: LobeFactors::default(), receivers: None }
+    Light { name: name.into(), shape, radiance: [1.0; 3], lobes: LobeFactors::default(), receivers: None, map: None }
 }

@@ -54,6 +54,7 @@ pub fn sphere(name: &str, radius: f32) -> Light {
         radiance: [2.0, 1.0, 0.5],
         lobes: LobeFactors::default(),
         receivers: None,
+        map: None,
     }
 }
 

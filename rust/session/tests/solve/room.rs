@@ -85,7 +85,7 @@ fn made_once(name: &str, scene: &Scene, settings: &TraceSettings) -> Relighter {
 }
 
 pub fn light(name: &str, shape: LightShape, radiance: [f32; 3]) -> Light {
-    Light { name: name.into(), shape, radiance, lobes: LobeFactors::default(), receivers: None }
+    Light { name: name.into(), shape, radiance, lobes: LobeFactors::default(), receivers: None, map: None }
 }
 
 pub fn picture(relighter: &Relighter, lights: &[Light]) -> Image {

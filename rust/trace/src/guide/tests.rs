@@ -10,6 +10,7 @@ fn light(shape: &LightShape) -> Light {
         radiance: [1.0; 3],
         lobes: LobeFactors::default(),
         receivers: None,
+        map: None,
     }
 }
 

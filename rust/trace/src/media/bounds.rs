@@ -158,6 +158,7 @@ mod tests {
             radiance: [1.0; 3],
             lobes: LobeFactors::default(),
             receivers: None,
+            map: None,
         };
         let corners = Bounds::of_scene(&scene, &[light]).corners();
         assert_eq!(corners, [Vec3::new(-14.0, -11.0, -11.0), Vec3::new(16.0, 11.0, 13.0)]);

@@ -102,6 +102,7 @@ fn every_pass_looks_for_the_lights_of_its_time() {
         radiance: [1.0; 3],
         lobes: LobeFactors::default(),
         receivers: None,
+        map: None,
     };
     let traced = |settings: &TraceSettings, control: &Control| {
         let tracer = Tracer::new(&scene, settings).unwrap();

@@ -155,5 +155,6 @@ pub fn sphere_light(center: Vec3, radius: f32) -> Light {
         radiance: [1.0; 3],
         lobes: LobeFactors::default(),
         receivers: None,
+        map: None,
     }
 }
