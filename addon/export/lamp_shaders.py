@@ -33,7 +33,7 @@ COORDINATES = {"Normal": "normal", "UV": "uv"}
 DIRECTIONS = {"Normal": "normal", "True Normal": "normal", "Incoming": "incoming"}
 """Outputs of Geometry likewise, in world space."""
 FINE, COARSE = 512, 256
-"""Texels along the edges of a table: of textures, and of all else."""
+"""Texels along the edges of a table: of textures, and of all else and what is made anew when a lamp turns."""
 MOST_TABLES = 32
 """Tables that are kept."""
 
@@ -200,7 +200,7 @@ class _DirectionTranslation(ConstantTranslation):
         lamp = {
             "kind": kind,
             "by_normal": by_normal,
-            "resolution": FINE if kinds & {"image_texture", "procedural"} else COARSE,
+            "resolution": FINE if kinds & {"image_texture", "procedural"} and self.in_world is None else COARSE,
         }
         if self.in_world is not None or not _is_turned_only(world_from_object):
             lamp["world_from_object"] = [list(row[:3]) for row in world_from_object[:3]]

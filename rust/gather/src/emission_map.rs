@@ -21,13 +21,16 @@ impl PreparedMap {
     /// The table of a light with this profile.
     ///
     /// # Errors
-    /// If its space is not finite.
+    /// If its space is not finite, or the light has no table of this kind.
     pub fn new(placed: &PlacedMap, profile: &Profile) -> Result<Self, &'static str> {
         let normals_of = match *profile {
             Profile::Sphere(ball)
             | Profile::Spot { ball, soft_falloff: false, .. }
             | Profile::StretchedSpot { ball, soft_falloff: false, .. } => Some(ball),
-            _ => None,
+            Profile::FacingDisk(_) | Profile::Spot { .. } | Profile::StretchedSpot { .. } => None,
+            Profile::Area { .. } | Profile::Sheared(_) | Profile::Sun { .. } => {
+                return Err("only points and spots have an emission map");
+            }
         };
         let is_sound = placed.local_from_world.is_finite() && placed.local_from_world.determinant() != 0.0;
         if !is_sound {

