@@ -337,6 +337,7 @@ with_sockets! {
         ObjectInfo,
         HairInfo,
         PointInfo,
+        LightPath,
     }
 }
 
