@@ -30,7 +30,7 @@ pub(crate) use color::luminance;
 pub use constant::constant_emission;
 pub use lamp::{Lamp, LampKind, emission_map};
 pub(crate) use point::MediumPoint;
-pub use point::{Hit, StrandPoint, SurfacePoint};
+pub use point::{Hit, RayInfo, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;
 pub use strands::{PointInfo, StrandInfo};
 pub(crate) use texture::equirectangular;
