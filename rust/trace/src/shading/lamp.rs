@@ -13,7 +13,7 @@ use relume_scene::{
     EmissionMap, Geometry, Instance, MapDomain, Material, Mesh, Node, Scene, Texture, UvMap,
 };
 
-use super::{PreparedMaterials, SurfacePoint};
+use super::{PreparedMaterials, RayInfo, SurfacePoint};
 use crate::bsdf::Surface;
 
 /// Angle of a spot's square cone, radians from the axis to a side, up to which a table of it is fine enough all over.
@@ -165,7 +165,7 @@ impl Lamp {
             ray_length: 0.0,
             footprint: 0.0,
             strand: None,
-            is_seen: false,
+            ray: RayInfo::default(),
         };
         prepared.evaluate(scene, &point, surface);
         surface.emission()
