@@ -62,7 +62,8 @@ def picture(tree):
 def of_world(tree):
     """Emission of a lamp by a direction of the world."""
     normal = node(tree, "ShaderNodeNewGeometry").outputs["Normal"]
-    return node(tree, "ShaderNodeEmission", {"Color": normal, "Strength": 3.0}).outputs[0]
+    absolute = node(tree, "ShaderNodeVectorMath", {0: normal}, operation="ABSOLUTE").outputs[0]
+    return node(tree, "ShaderNodeEmission", {"Color": absolute, "Strength": 3.0}).outputs[0]
 
 
 EVERYWHERE = (0, 60, 120, 180, 240, 300, 360)

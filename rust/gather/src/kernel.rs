@@ -23,9 +23,9 @@ pub use isa::Isa;
 use crate::cull_avx2::{BoxCull, CHUNK, CullWork};
 #[cfg(target_arch = "x86_64")]
 use crate::cull_avx512::BallCull;
+use crate::emission_map::PreparedMap;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Avx2Lanes;
-use crate::emission_map::PreparedMap;
 use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
 #[cfg(target_arch = "x86_64")]
 use crate::light::Ball;

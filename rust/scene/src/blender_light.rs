@@ -122,11 +122,16 @@ mod optional_map {
     use super::{Arc, EmissionMap};
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    pub fn serialize<S: Serializer>(map: &Option<Arc<EmissionMap>>, serializer: S) -> Result<S::Ok, S::Error> {
+    pub fn serialize<S: Serializer>(
+        map: &Option<Arc<EmissionMap>>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         map.as_deref().serialize(serializer)
     }
 
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Arc<EmissionMap>>, D::Error> {
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Option<Arc<EmissionMap>>, D::Error> {
         Ok(Option::<EmissionMap>::deserialize(deserializer)?.map(Arc::new))
     }
 }

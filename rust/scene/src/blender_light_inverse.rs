@@ -292,7 +292,8 @@ mod tests {
         let map = Some(Arc::new(EmissionMap { domain, width: 1, texels: vec![7] }));
         for blender in lights() {
             let blender = BlenderLight { map: map.clone(), ..blender };
-            let is_ball = matches!(blender.kind, BlenderLightKind::Point { .. } | BlenderLightKind::Spot { .. });
+            let is_ball =
+                matches!(blender.kind, BlenderLightKind::Point { .. } | BlenderLightKind::Spot { .. });
             let Ok((light, _)) = blender.to_light() else {
                 assert!(!is_ball);
                 continue;

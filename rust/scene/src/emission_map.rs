@@ -77,7 +77,8 @@ impl From<EmissionMap> for StoredMap {
     fn from(map: EmissionMap) -> Self {
         const DIGITS: &[u8; 16] = b"0123456789abcdef";
         let digit = |texel: u32, place: u32| char::from(DIGITS[(texel >> (28 - 4 * place) & 15) as usize]);
-        let texels = map.texels.iter().flat_map(|&texel| (0..8).map(move |place| digit(texel, place))).collect();
+        let texels =
+            map.texels.iter().flat_map(|&texel| (0..8).map(move |place| digit(texel, place))).collect();
         Self { domain: map.domain, width: map.width, texels }
     }
 }
@@ -87,14 +88,13 @@ impl TryFrom<StoredMap> for EmissionMap {
 
     fn try_from(stored: StoredMap) -> Result<Self, Self::Error> {
         let texel = |digits: &[u8; 8]| {
-            let digit = |sum: Option<u32>, &digit: &u8| {
-                Some(sum? << 4 | char::from(digit).to_digit(16)?)
-            };
+            let digit = |sum: Option<u32>, &digit: &u8| Some(sum? << 4 | char::from(digit).to_digit(16)?);
             digits.iter().fold(Some(0), digit)
         };
         let (words, rest) = stored.texels.as_bytes().as_chunks::<8>();
         let texels = words.iter().map(texel).collect::<Option<Vec<_>>>();
-        let texels = texels.filter(|_| rest.is_empty()).ok_or("texels of an emission map are eight digits each")?;
+        let texels =
+            texels.filter(|_| rest.is_empty()).ok_or("texels of an emission map are eight digits each")?;
         let is_whole = stored.width > 0 && texels.len().is_multiple_of(stored.width);
         if texels.is_empty() || texels.len() > MOST_TEXELS || !is_whole {
             return Err("an emission map is empty, too large or has a row that is not whole");
@@ -177,7 +177,12 @@ mod tests {
         let map = EmissionMap { domain, width: 2, texels: vec![0, 1, 0xdead_beef, u32::MAX] };
         let text = serde_json::to_string(&map).unwrap();
         assert_eq!(serde_json::from_str::<EmissionMap>(&text).unwrap(), map);
-        let broken = [("deadbeef", "deadbee"), ("\"width\":2", "\"width\":3"), ("\"width\":2", "\"width\":0"), ("0.5", "0.0")];
+        let broken = [
+            ("deadbeef", "deadbee"),
+            ("\"width\":2", "\"width\":3"),
+            ("\"width\":2", "\"width\":0"),
+            ("0.5", "0.0"),
+        ];
         for (from, to) in broken {
             assert!(serde_json::from_str::<EmissionMap>(&text.replace(from, to)).is_err(), "{to}");
         }

@@ -86,7 +86,8 @@ impl IesProfile {
 
 impl Table {
     fn at(&self, horizontal: f32, vertical: f32, border: IesBorder) -> f32 {
-        let (Some(h), Some(v)) = (Place::new(&self.horizontal, horizontal), Place::new(&self.vertical, vertical))
+        let (Some(h), Some(v)) =
+            (Place::new(&self.horizontal, horizontal), Place::new(&self.vertical, vertical))
         else {
             return 0.0;
         };
@@ -160,7 +161,8 @@ fn read(text: &str) -> Result<Table, IesError> {
 fn parse(text: &str) -> Result<(i64, Photometry), IesError> {
     let tilt = text.find("\nTILT=").ok_or_else(|| fault("it has no line that begins with TILT="))? + 1;
     let line_end = text[tilt..].find('\n').ok_or_else(|| fault("it ends after its TILT line"))? + tilt;
-    let mut numbers = Numbers(text[line_end..].split(|c: char| c.is_whitespace() || c == ',').filter(is_word));
+    let mut numbers =
+        Numbers(text[line_end..].split(|c: char| c.is_whitespace() || c == ',').filter(is_word));
     if text[tilt..line_end].trim_end() == "TILT=INCLUDE" {
         numbers.next("the geometry of its tilt")?;
         let count = numbers.count("the number of tilt angles")?;
@@ -180,7 +182,8 @@ fn parse(text: &str) -> Result<(i64, Photometry), IesError> {
     for what in ["the unit of its size", "its width", "its length", "its height"] {
         numbers.next(what)?;
     }
-    let factor = multiplier * numbers.next("the ballast factor")? * numbers.next("the ballast-lamp factor")?;
+    let factor =
+        multiplier * numbers.next("the ballast factor")? * numbers.next("the ballast-lamp factor")?;
     numbers.next("its watts")?;
     let factor = factor * STRENGTH_PER_CANDELA;
     let vertical = numbers.list(vertical_count, 1.0, "its vertical angles")?;
@@ -259,7 +262,10 @@ impl Photometry {
         let columns = 0..self.vertical.len();
         self.strengths = columns.map(|i| self.strengths.iter().map(|row| row[i]).collect()).collect();
         std::mem::swap(&mut self.vertical, &mut self.horizontal);
-        if self.vertical.len() < 2 || self.last_horizontal() != 90.0 || self.vertical[self.vertical.len() - 1] != 90.0 {
+        if self.vertical.len() < 2
+            || self.last_horizontal() != 90.0
+            || self.vertical[self.vertical.len() - 1] != 90.0
+        {
             return Err(fault("its angles of type B do not end at 90"));
         }
         if self.horizontal[0] == 0.0 {
@@ -385,7 +391,9 @@ mod tests {
     fn what_is_no_file_of_a_lamp_shines_as_in_cycles_and_is_named() {
         let good = file(1, &[0.0, 90.0], &[0.0], &[1.0, 1.0]);
         let endless = good.replace("1 1000 1 2 1 1", "1 1000 1 2000000000 1 1");
-        for text in ["", "TILT=NONE", "x\nTILT=NONE\n", &good[..good.len() - 4], &endless, &good.replace("90", "x")] {
+        for text in
+            ["", "TILT=NONE", "x\nTILT=NONE\n", &good[..good.len() - 4], &endless, &good.replace("90", "x")]
+        {
             let found = profile(text, IesBorder::Zero);
             assert!(found.fault().is_some(), "{text}");
             assert_eq!(found.strength(Vec3::X), 100.0);

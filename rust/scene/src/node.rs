@@ -1,8 +1,8 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
-    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, IesProfile, Input, Interpolation, MapRangeKind,
-    MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction,
-    PrincipledHair, Procedural, SheenModel, Subsurface, TexCoord, ToonComponent, VectorMathOp,
+    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, IesProfile, Input, Interpolation,
+    MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId, NormalSpace,
+    PhaseFunction, PrincipledHair, Procedural, SheenModel, Subsurface, TexCoord, ToonComponent, VectorMathOp,
 };
 
 with_sockets! {

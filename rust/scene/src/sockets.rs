@@ -2,9 +2,9 @@
 
 use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
-    HairPigment, IesProfile, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric, MixData,
-    MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel, TexCoord, ToonComponent,
-    VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    HairPigment, IesProfile, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric,
+    MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel, TexCoord,
+    ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.

@@ -13,10 +13,13 @@ fn maps_are_those_of_the_cpu_in_either_order_and_for_smoothed_lights() {
     let gather = Gather::new(random_dump_of(10, &[1, 3, 4, 40]));
     let mut random = Random(7);
     let is_ball = |light: &&Light| {
-        matches!(light.shape, LightShape::Sphere { .. } | LightShape::FacingDisk { .. } | LightShape::Spot { .. })
+        matches!(
+            light.shape,
+            LightShape::Sphere { .. } | LightShape::FacingDisk { .. } | LightShape::Spot { .. }
+        )
     };
-    let domains =
-        [(false, None), (true, None), (false, Some(0.6))].map(|(by_normal, cone)| MapDomain { by_normal, cone });
+    let domains = [(false, None), (true, None), (false, Some(0.6))]
+        .map(|(by_normal, cone)| MapDomain { by_normal, cone });
     let lights: Vec<_> = random_lights()
         .iter()
         .filter(is_ball)
@@ -25,7 +28,8 @@ fn maps_are_those_of_the_cpu_in_either_order_and_for_smoothed_lights() {
         .collect();
     let prepared = gather.prepare_all(&lights).unwrap();
     let expected = gather.unit_images(&prepared, SampleSplit::All);
-    let plain = gather.prepare_all(&lights.iter().map(|l| Light { map: None, ..l.clone() }).collect::<Vec<_>>());
+    let plain =
+        gather.prepare_all(&lights.iter().map(|l| Light { map: None, ..l.clone() }).collect::<Vec<_>>());
     assert_ne!(expected, gather.unit_images(&plain.unwrap(), SampleSplit::All));
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
     let all: Vec<usize> = (0..lights.len()).collect();

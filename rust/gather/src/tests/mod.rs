@@ -70,7 +70,14 @@ pub fn segment(end: End, lobe: Lobe) -> Segment {
 
 /// A light of radiance 1.
 pub fn light(shape: LightShape) -> Light {
-    Light { name: "Lamp".into(), shape, radiance: [1.0; 3], lobes: LobeFactors::default(), receivers: None, map: None }
+    Light {
+        name: "Lamp".into(),
+        shape,
+        radiance: [1.0; 3],
+        lobes: LobeFactors::default(),
+        receivers: None,
+        map: None,
+    }
 }
 
 /// The light with a random map, mild enough for what directions are rounded to.

@@ -280,5 +280,12 @@ fn new_shape(kind: NewLightKind, (low, high): (Vec3, Vec3), views: &[&Relighter]
 }
 
 fn plain(name: &str, shape: LightShape) -> Light {
-    Light { name: name.into(), shape, radiance: [1.0; 3], lobes: LobeFactors::default(), receivers: None, map: None }
+    Light {
+        name: name.into(),
+        shape,
+        radiance: [1.0; 3],
+        lobes: LobeFactors::default(),
+        receivers: None,
+        map: None,
+    }
 }

@@ -9,9 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use relume_dump::encode_rgb9e5;
-use relume_scene::{
-    EmissionMap, Geometry, Instance, MapDomain, Material, Mesh, Node, Scene, Texture, UvMap,
-};
+use relume_scene::{EmissionMap, Geometry, Instance, MapDomain, Material, Mesh, Node, Scene, Texture, UvMap};
 
 use super::{PreparedMaterials, RayInfo, SurfacePoint};
 use crate::bsdf::Surface;
@@ -54,17 +52,21 @@ pub fn emission_map(
     textures: &[Texture],
     lamp: &Lamp,
 ) -> (Option<(f32, EmissionMap)>, Vec<String>) {
-    let matrix = lamp.world_from_object.map_or(Mat3::IDENTITY, |rows| Mat3::from_cols_array_2d(&rows).transpose());
+    let matrix =
+        lamp.world_from_object.map_or(Mat3::IDENTITY, |rows| Mat3::from_cols_array_2d(&rows).transpose());
     let scene = stage(material, textures, matrix);
     let (prepared, mut notes) = PreparedMaterials::new(&scene);
-    notes.extend(material.nodes.iter().filter_map(|node| match node {
-        Node::Ies { profile, .. } => {
-            profile.fault().map(|fault| format!("{fault}; as in Cycles, it shines at a strength of 100 everywhere"))
+    notes.extend(material.nodes.iter().filter_map(|node| {
+        match node {
+            Node::Ies { profile, .. } => profile
+                .fault()
+                .map(|fault| format!("{fault}; as in Cycles, it shines at a strength of 100 everywhere")),
+            _ => None,
         }
-        _ => None,
     }));
     let domain = MapDomain { by_normal: lamp.by_normal, cone: lamp.kind.cone() };
-    let (width, is_finite) = (lamp.resolution.clamp(1, 1 << 9), AtomicBool::new(true));
+    let width = lamp.resolution.clamp(1, 1 << 9);
+    let (is_finite, is_positive) = (AtomicBool::new(true), AtomicBool::new(true));
     let mut values = vec![Vec3::ZERO; width * width];
     values.par_chunks_mut(width).enumerate().for_each(|(row, values)| {
         let mut surface = Surface::default();
@@ -74,6 +76,9 @@ pub fn emission_map(
             let emission = lamp.emission(&prepared, &scene, matrix, direction, &mut surface);
             if emission.is_finite() {
                 *value = emission.max(Vec3::ZERO);
+                if emission.min_element() < 0.0 {
+                    is_positive.store(false, Ordering::Relaxed);
+                }
             } else {
                 is_finite.store(false, Ordering::Relaxed);
             }
@@ -81,6 +86,9 @@ pub fn emission_map(
     });
     if !is_finite.into_inner() {
         notes.push("its nodes emit what is no finite number; taken for black there".to_owned());
+    }
+    if !is_positive.into_inner() {
+        notes.push("its nodes emit less than nothing in some directions; taken for black there".to_owned());
     }
     let largest = values.iter().map(|value| value.max_element()).fold(0.0, f32::max);
     if largest == 0.0 {
@@ -121,7 +129,9 @@ impl LampKind {
     /// Cone of the table's directions.
     fn cone(&self) -> Option<f32> {
         match *self {
-            Self::Spot { spot_size } if 0.5 * spot_size <= WIDEST_CONE => Some((0.5 * spot_size).tan().max(1e-4)),
+            Self::Spot { spot_size } if 0.5 * spot_size <= WIDEST_CONE => {
+                Some((0.5 * spot_size).tan().max(1e-4))
+            }
             _ => None,
         }
     }
@@ -194,8 +204,12 @@ mod tests {
         *largest * relume_dump::decode_rgb9e5(texel)
     }
 
-    const SPOT: Lamp =
-        Lamp { kind: LampKind::Spot { spot_size: 1.2 }, by_normal: false, world_from_object: None, resolution: 256 };
+    const SPOT: Lamp = Lamp {
+        kind: LampKind::Spot { spot_size: 1.2 },
+        by_normal: false,
+        world_from_object: None,
+        resolution: 256,
+    };
     const POINT: Lamp = Lamp { kind: LampKind::Point, ..SPOT };
 
     #[test]
@@ -203,7 +217,7 @@ mod tests {
         let nodes = json!([{"type": "texture_coordinate", "kind": "normal"}, emitter(json!({"node": 0, "output": "vector"}))]);
         let (map, notes) = map_of(nodes, &POINT);
         let map = map.unwrap();
-        assert!(notes.is_empty(), "{notes:?}");
+        assert!(notes[0].contains("less than nothing"), "{notes:?}");
         for direction in [Vec3::new(0.6, 0.3, -0.7), Vec3::new(-0.6, 0.3, 0.7), Vec3::new(0.1, -0.9, 0.2)] {
             let wanted = 2.0 * direction.normalize().max(Vec3::ZERO);
             assert!((at(&map, direction) - wanted).abs().max_element() < 0.03, "{direction}");
@@ -235,6 +249,7 @@ mod tests {
         assert!((at(&map, Vec3::NEG_Z).x / (2.0 * 10.0 * 0.070_665_08) - 1.0).abs() < 0.01);
         let (_, notes) = map_of(ies("none"), &POINT);
         assert!(notes[0].contains("IES"), "{notes:?}");
-        assert!(map_of(json!([emitter(json!([-1.0, 0.0, 0.0]))]), &POINT).0.is_none());
+        let (map, notes) = map_of(json!([emitter(json!([-1.0, 0.0, 0.0]))]), &POINT);
+        assert!(map.is_none() && notes[0].contains("less than nothing"), "{notes:?}");
     }
 }
