@@ -71,6 +71,7 @@ def blocked_by_one(right, left):
 
 
 def blocked_by_all_but_one(right, _left):
+    bpy.data.objects.remove(bpy.data.objects["Mirror"])  # Mirrors see such lights through what Relume has them behind.
     linked(right, "Plate Right", "EXCLUDE")
 
 
@@ -100,9 +101,8 @@ def test_light_falls_as_in_cycles(stage, case, tmp_path):
     relume.bake(loaded, tmp_path / "bake", settings).wait()
     ours = relume.Relighter(tmp_path / "bake").relight(loaded.lights(), denoise=False)["combined"]
     cycles = render_cycles(scene, samples=SAMPLES)
-    print(case.__name__, ours.mean(), cycles.mean(), ours.mean() / cycles.mean())
     # Cycles finds some of a lamp by chance, where its rules do not count.
-    assert ours.mean() == pytest.approx(cycles.mean(), rel=0.03)
+    assert ours.mean() == pytest.approx(cycles.mean(), rel=0.02, abs=5e-4)
 
 
 def test_rules_are_a_part_of_the_bake(stage):
