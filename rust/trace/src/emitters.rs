@@ -84,7 +84,8 @@ impl Emitters {
                     edge_2: c - a,
                     brightness: 0.0,
                 };
-                let asks_light_path = material.is_some_and(|number| scene.materials[number].asks_light_path());
+                let asks_light_path =
+                    material.is_some_and(|number| scene.materials[number].asks_light_path());
                 // What glows for some kinds of rays only is sampled for all, as in Cycles.
                 let rays = &[RayInfo::default(), RayInfo::OF_ALL_KINDS][..=usize::from(asks_light_path)];
                 let power = emitter.measure(scene, materials, points, rays, &mut surface);
