@@ -116,7 +116,13 @@ class Translation:
         volume = self.volume(tree)
         if volume and surface is None and self._has_surface(tree):
             surface = self.emit(NOTHING)  # Black, where rays would pass without any.
-        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **sampling_settings(self.material)}
+        return {
+            "name": self.title,
+            "nodes": self.nodes,
+            "surface": surface,
+            **volume,
+            **sampling_settings(self.material),
+        }
 
     def _has_surface(self, tree: bpy.types.NodeTree | None) -> bool:
         output = surface_socket(tree) if tree is not None else None

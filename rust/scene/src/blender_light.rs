@@ -9,7 +9,7 @@
 //! | sun of half angle a | `P / (pi sin^2 a)`: irradiance `P` | `P` |
 //! | area of area A | `P / (pi A)`, A with the object's scale | `P / pi` |
 
-use crate::{EmissionMap, Light, LightShape, LobeFactors, MOST_RADIANCE, PlacedMap, ReceiverSet};
+use crate::{EmissionMap, Light, LightRules, LightShape, LobeFactors, MOST_RADIANCE, PlacedMap, ReceiverSet};
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -53,6 +53,9 @@ pub struct BlenderLight {
     /// Factors on the emission by direction in the object's space, of a point or spot; none where there are none.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "optional_map")]
     pub map: Option<Arc<EmissionMap>>,
+    /// Shadow linking, bounces and Multiple Importance.
+    #[serde(default, skip_serializing_if = "LightRules::is_default")]
+    pub rules: LightRules,
 }
 
 /// Settings that differ between Blender's light types. Lengths in metres, angles in radians.
@@ -225,6 +228,7 @@ impl BlenderLight {
             lobes: self.lobes,
             receivers: self.receivers.clone(),
             map: self.placed_map()?,
+            rules: self.rules.clone(),
         };
         // So that NaN, of no power times no end of it, is refused as well.
         if !light.radiance.iter().all(|radiance| radiance.abs() <= MOST_RADIANCE) {

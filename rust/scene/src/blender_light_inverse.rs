@@ -1,4 +1,6 @@
-use crate::{AreaShape, BlenderLight, BlenderLightKind, Light, LightError, LightShape, LobeFactors};
+use crate::{
+    AreaShape, BlenderLight, BlenderLightKind, Light, LightError, LightRules, LightShape, LobeFactors,
+};
 use glam::{Mat3, Quat, Vec3};
 use std::sync::Arc;
 
@@ -36,6 +38,7 @@ impl BlenderLight {
         (new.energy, new.color) = self.energy_and_color(wanted);
         new.lobes = light.lobes;
         new.receivers = light.receivers.clone();
+        new.rules = light.rules.clone();
         Ok(new)
     }
 
@@ -74,6 +77,7 @@ impl BlenderLight {
             lobes: LobeFactors::default(),
             receivers: None,
             map: light.map.as_ref().map(|placed| Arc::clone(&placed.map)),
+            rules: LightRules::default(),
         };
         plain.with_light(light)
     }
@@ -235,6 +239,7 @@ mod tests {
             lobes: LobeFactors::default(),
             receivers: None,
             map: None,
+            rules: LightRules::default(),
         })
         .collect()
     }

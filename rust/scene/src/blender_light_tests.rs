@@ -25,6 +25,7 @@ fn light(kind: BlenderLightKind) -> BlenderLight {
         lobes: LobeFactors::default(),
         receivers: None,
         map: None,
+        rules: LightRules::default(),
     }
 }
 

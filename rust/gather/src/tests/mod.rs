@@ -14,7 +14,7 @@ use relume_dump::{
     Dump, End, FORMAT_VERSION, Lobe, Manifest, MemoryWriter, Pass, Segment, ShardSink, TileSamples,
     encode_rgb9e5,
 };
-use relume_scene::{EmissionMap, Light, LightShape, LobeFactors, MapDomain, PlacedMap};
+use relume_scene::{EmissionMap, Light, LightShape, MapDomain, PlacedMap};
 
 /// A manifest of square images with tiles of 4 pixels.
 pub fn manifest(size: usize, samples: &[u32]) -> Manifest {
@@ -34,6 +34,7 @@ pub fn manifest(size: usize, samples: &[u32]) -> Manifest {
         camera: serde_json::Value::Null,
         camera_position: Some([0.0, 0.0, 5.0]),
         receivers: Vec::new(),
+        classes: None,
         settings: serde_json::Value::Null,
         working_space: "Linear Rec.709".into(),
         world_color: [1.0; 3],
@@ -70,14 +71,7 @@ pub fn segment(end: End, lobe: Lobe) -> Segment {
 
 /// A light of radiance 1.
 pub fn light(shape: LightShape) -> Light {
-    Light {
-        name: "Lamp".into(),
-        shape,
-        radiance: [1.0; 3],
-        lobes: LobeFactors::default(),
-        receivers: None,
-        map: None,
-    }
+    Light { name: "Lamp".into(), ..Light::unit(shape) }
 }
 
 /// The light with a random map, mild enough for what directions are rounded to.
