@@ -378,7 +378,8 @@ def _normal_map(t: Translation, source: Source) -> Any:
             t.warn(f"node '{node.name}': where this old space turns normals away from the camera, Cycles is brighter")
         if IS_INLINED and settings == {"space": "tangent", "uv_map": ""}:
             t.attributes[ANY_UV_MAP] = node.name  # Before Blender 5.0 it is known what Cycles takes without one.
-        return {"type": "normal_map", **settings, "strength": strength, "color": color}
+        before = getattr(node, "base", "ORIGINAL") == "ORIGINAL" and bpy.app.version >= (5, 0, 0)
+        return {"type": "normal_map", **settings, "strength": strength, "color": color, "undisplaced": before}
 
     return {"node": t.once(source, description), "output": "normal"}
 
@@ -460,6 +461,14 @@ VALUES: dict[str, TranslateValue] = {
         ("scale", "Scale", 1.0),
         ("normal", "Normal", None),
         properties={"world_space": ("space", lambda space: space == "WORLD")},
+    ),
+    "ShaderNodeVectorDisplacement": _simple(
+        "vector_displacement",
+        "vector",
+        ("vector", "Vector", [0.8] * 3),
+        ("midlevel", "Midlevel", 0.0),
+        ("scale", "Scale", 1.0),
+        properties={"space": ("space", str.lower)},
     ),
     "ShaderNodeNormalMap": _normal_map,
     "ShaderNodeBump": _bump,

@@ -127,6 +127,26 @@ pub enum NormalSpace {
     BlenderWorld,
 }
 
+/// Surface on which a Bump node takes its heights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BumpBase {
+    /// The one that is shaded.
+    #[default]
+    Shaded,
+    /// The one before displacement.
+    Undisplaced,
+    /// The places before displacement under the normals that are shaded, as in Blender before 5.0.
+    UndisplacedPlaces,
+}
+
+impl BumpBase {
+    /// True for the surface that is shaded.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Data type of a Mix node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -7,7 +7,7 @@ use super::closures::shade;
 use super::evaluate::ShadingContext;
 use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
-use super::tangents::{corner_tangents, spherical_coords};
+use super::tangents::{corner_tangents, spherical_coords, undisplaced_positions};
 use super::texture::{PreparedTexture, equirectangular};
 use super::volumes::shade_medium;
 use super::{Hit, MediumPoint, StrandPoint, SurfacePoint};
@@ -292,7 +292,7 @@ impl PreparedMaterials {
         Some((corners, normals.map(|normal| self.world_normal(point.instance, normal))))
     }
 
-    fn object_direction(&self, instance: u32, world: Vec3) -> Vec3 {
+    pub(super) fn object_direction(&self, instance: u32, world: Vec3) -> Vec3 {
         self.transforms[instance as usize].object_from_world.transform_vector3(world)
     }
 
@@ -320,8 +320,9 @@ impl PreparedMesh {
 /// Lower corner and size of the box of generated coordinates. Of a mesh that lies in the box's middle plane the size is 0:
 /// its points are in the middle, whatever their position was rounded to.
 fn bounds(mesh: &Mesh) -> (Vec3, Vec3) {
-    let min = mesh.positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
-    let max = mesh.positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
+    let positions = undisplaced_positions(mesh);
+    let min = positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
+    let max = positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
     let Some([center, half]) = mesh.texture_space else { return (min, max - min) };
     let in_middle = min.cmpeq(center) & max.cmpeq(center);
     (center - half, Vec3::select(in_middle, Vec3::ZERO, half * 2.0))

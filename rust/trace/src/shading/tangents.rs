@@ -9,6 +9,11 @@ use relume_scene::Mesh;
 /// Tangent that Cycles takes where texture coordinates do not tell.
 const NO_TANGENT: Vec4 = Vec4::new(1.0, 0.0, 0.0, -1.0);
 
+/// Positions of vertices before displacement, from which Cycles knows all tangents and generated coordinates.
+pub fn undisplaced_positions(mesh: &Mesh) -> &[Vec3] {
+    mesh.undisplaced.as_ref().map_or(&mesh.positions, |before| &before.positions)
+}
+
 /// Object-space tangent and handedness of each corner, by its texture coordinates.
 pub fn corner_tangents(mesh: &Mesh, coords: &[Vec2]) -> Vec<Vec4> {
     let mut corners = Corners { mesh, coords, tangents: vec![NO_TANGENT; 3 * mesh.triangles.len()] };
@@ -21,8 +26,9 @@ pub fn corner_tangents(mesh: &Mesh, coords: &[Vec2]) -> Vec<Vec4> {
 /// Texture coordinates of corners by which Cycles finds the tangents of a mesh without a UV map: longitude and latitude as seen from
 /// the middle of its generated coordinates, whose box starts at `min`.
 pub fn spherical_coords(mesh: &Mesh, min: Vec3, size: Vec3) -> Vec<Vec2> {
+    let positions = undisplaced_positions(mesh);
     let from_middle = |vertex: u32| {
-        let relative = (mesh.positions[vertex as usize] - min) / size - 0.5;
+        let relative = (positions[vertex as usize] - min) / size - 0.5;
         Vec3::select(size.cmpgt(Vec3::ZERO), relative, Vec3::ZERO)
     };
     let coords = |vertex: &u32| {
@@ -46,7 +52,7 @@ struct Corners<'a> {
 
 impl Corners<'_> {
     fn point(&self, face: usize, vert: usize) -> Vec3 {
-        self.mesh.positions[self.mesh.triangles[face][vert] as usize]
+        undisplaced_positions(self.mesh)[self.mesh.triangles[face][vert] as usize]
     }
 }
 
@@ -64,7 +70,8 @@ impl Geometry for Corners<'_> {
     }
 
     fn normal(&self, face: usize, vert: usize) -> [f32; 3] {
-        let smooth = self.mesh.corner_normals.get(3 * face + vert).copied();
+        let normals = self.mesh.undisplaced.as_ref().map(|before| &before.corner_normals);
+        let smooth = normals.unwrap_or(&self.mesh.corner_normals).get(3 * face + vert).copied();
         let flat = || {
             let [a, b, c] = [0, 1, 2].map(|vert| self.point(face, vert));
             (b - a).cross(c - a).normalize_or(Vec3::Z)

@@ -14,7 +14,7 @@ const ISOTROPIC: PhaseFunction = PhaseFunction::HenyeyGreenstein { anisotropy: I
 /// A medium without a surface.
 fn medium(nodes: Vec<Node>) -> Material {
     let volume = Some(nodes.len() as u32 - 1);
-    Material { name: "fog".into(), nodes, surface: None, volume }
+    Material { name: "fog".into(), nodes, volume, ..Material::default() }
 }
 
 fn coefficients(scatter: [f32; 3], absorption: [f32; 3]) -> Node {
