@@ -98,8 +98,9 @@ def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> 
 
 
 def add_displacement(arrays: dict[str, Any], mesh: bpy.types.Mesh) -> None:
-    """Adds to the arrays of a mesh what its displacement needs. Where corners of a vertex have normals of their own, Cycles
-    turns those as far as the vertex's from Blender 5.2 on; before, it splits the vertex, and the mesh comes apart."""
+    """Adds to the arrays of a mesh what its displacement needs. Where corners of a vertex have normals of their own,
+    Cycles turns those as far as the vertex's from Blender 5.2 on; before, it splits the vertex, and the mesh comes
+    apart."""
     arrays["displacement_normals"] = stored(mesh.vertex_normals, np.float32, 3).copy()
     if mesh.normals_domain != "CORNER":
         return

@@ -40,8 +40,8 @@ VARYING = {"image_texture", "procedural", "texture_coordinate", "geometry"}
 """Types of nodes whose values differ from place to place within a medium."""
 BUMP_WIDTH = 0.1 if bpy.app.version >= (4, 3, 0) else 1.0
 """Pixels over which Cycles takes differences of a displacement."""
-BUMP_BASE = "undisplaced" if bpy.app.version >= (5, 0, 0) else "undisplaced_places"
-"""Surface on which Cycles bumps what is displaced as well."""
+SURFACE_BEFORE = "undisplaced" if bpy.app.version >= (5, 0, 0) else "undisplaced_places"
+"""Surface on which Cycles bumps what is displaced as well, and maps normals if not told."""
 COMPUTED = {
     *("mix", "math", "vector_math", "map_range", "clamp", "color_ramp", "rgb_curves", "gamma"),
     *("separate_xyz", "combine_xyz"),
@@ -161,7 +161,7 @@ class Translation:
         if method != "BUMP":
             self.displacement = {"offset": offset, "keeps_normals": method == "BOTH"}
         if method != "DISPLACEMENT":
-            self.normal = self._bumped(offset, "shaded" if method == "BUMP" else BUMP_BASE)
+            self.normal = self._bumped(offset, "shaded" if method == "BUMP" else SURFACE_BEFORE)
         if method == "BUMP":
             self.warn("displacement is taken as a bump map; where it is steep it is a little darker than in Cycles")
 

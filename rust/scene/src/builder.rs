@@ -263,11 +263,9 @@ fn check_links(material: &Value) -> Result<(), String> {
         }
     }
     let displacement = &material["displacement"]["offset"]["node"];
-    for (root, node) in [
-        ("surface", &material["surface"]),
-        ("volume", &material["volume"]),
-        ("displacement", displacement),
-    ] {
+    for (root, node) in
+        [("surface", &material["surface"]), ("volume", &material["volume"]), ("displacement", displacement)]
+    {
         if !node.is_null() && node.as_u64().is_none_or(|node| node >= nodes.len() as u64) {
             return Err(format!("its {root} node does not exist"));
         }

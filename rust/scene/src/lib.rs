@@ -52,8 +52,8 @@ pub use material::{Input, Material, NodeId, Output};
 pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use node::Node;
 pub use node_settings::{
-    Alpha, BlendMode, BumpBase, ColorMode, Curve, Distribution, MapRangeKind, MappingKind, MathOp, MetalFresnel,
-    MixData, MultipleScattering, NormalSpace, SheenModel, TexCoord, ToonComponent, VectorMathOp,
+    Alpha, BlendMode, ColorMode, Curve, Distribution, MapRangeKind, MappingKind, MathOp, MetalFresnel,
+    MixData, MultipleScattering, NormalSpace, SheenModel, SurfaceBase, TexCoord, ToonComponent, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use phase::PhaseFunction;

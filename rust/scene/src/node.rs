@@ -1,8 +1,8 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
-    BlendMode, BumpBase, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
+    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
     MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction,
-    PrincipledHair, Procedural, SheenModel, Subsurface, TexCoord, ToonComponent, VectorMathOp,
+    PrincipledHair, Procedural, SheenModel, Subsurface, SurfaceBase, TexCoord, ToonComponent, VectorMathOp,
 };
 
 with_sockets! {
@@ -214,9 +214,8 @@ with_sockets! {
             uv_map: String,
             strength: Input,
             color: Input,
-            /// Its tangent space is that before displacement, as from Blender 5.0 on.
-            #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-            undisplaced: bool,
+            #[serde(default, skip_serializing_if = "SurfaceBase::is_default")]
+            base: SurfaceBase,
         },
         /// `filter_width` is the step of the finite differences in pixels: a socket in recent versions, 1 in Blender 4.2.
         Bump {
@@ -227,8 +226,8 @@ with_sockets! {
             filter_width: Input,
             height: Input,
             normal: Option<Input>,
-            #[serde(default, skip_serializing_if = "BumpBase::is_default")]
-            base: BumpBase,
+            #[serde(default, skip_serializing_if = "SurfaceBase::is_default")]
+            base: SurfaceBase,
         },
         /// A displacement as a vector in world space, whose height is in object or world space.
         Displacement {

@@ -150,9 +150,7 @@ impl Scene {
         if material.volume.is_some_and(|volume| volume as usize >= material.nodes.len()) {
             return Some("its volume node does not exist".to_owned());
         }
-        let is_missing = |displacement: &Displacement| {
-            matches!(displacement.offset, Input::Link { node, .. } if node as usize >= material.nodes.len())
-        };
+        let is_missing = |displacement: &Displacement| matches!(displacement.offset, Input::Link { node, .. } if node as usize >= material.nodes.len());
         if material.displacement.as_ref().is_some_and(is_missing) {
             return Some("its displacement node does not exist".to_owned());
         }

@@ -1,7 +1,7 @@
 //! Displacement: its vectors, offsets of vertices, and shading that remembers the shape before.
 
 use glam::{Vec3, Vec4};
-use relume_scene::{BumpBase, Node, NormalSpace, Scene, Undisplaced};
+use relume_scene::{Node, NormalSpace, Scene, SurfaceBase, Undisplaced};
 
 use super::coordinates::{self, footprint_axes};
 use super::evaluate::{Known, ShadingContext, bumped};
@@ -101,7 +101,8 @@ impl<'a> ShadingContext<'a> {
             NormalSpace::World | NormalSpace::BlenderWorld => return vector,
             NormalSpace::Object | NormalSpace::BlenderObject => vector,
             NormalSpace::Tangent => {
-                let tangents = self.prepared.tangents(self.point.geometry, uv_map);
+                let base = SurfaceBase::Undisplaced;
+                let tangents = self.prepared.tangents(self.point.geometry, uv_map, base);
                 let Some(tangents) = tangents.filter(|_| self.mesh().is_some()) else { return Vec3::ZERO };
                 let tangent = self.interpolate(|corner| tangents[corner].truncate());
                 let sign = self.interpolate(|corner| tangents[corner].w);
@@ -116,12 +117,12 @@ impl<'a> ShadingContext<'a> {
     /// A normal map whose tangent space is that of the mesh before displacement.
     pub(super) fn undisplaced_normal_map(&self, uv_map: usize, strength: f32, color: Vec3) -> Vec3 {
         let point = self.point;
-        let tangents = self.prepared.tangents(point.geometry, uv_map);
+        let tangents = self.prepared.tangents(point.geometry, uv_map, SurfaceBase::Undisplaced);
         let (Some(tangents), Some(before)) = (tangents, self.undisplaced()) else {
             return point.shading_normal;
         };
         if before.corner_normals.is_empty() {
-            return self.normal_map(NormalSpace::Tangent, uv_map, strength, color);
+            return self.normal_map(NormalSpace::Tangent, SurfaceBase::Shaded, uv_map, strength, color);
         }
         let tangent = self.interpolate(|corner| tangents[corner].truncate());
         let sign = self.interpolate(|corner| tangents[corner].w);
@@ -132,12 +133,12 @@ impl<'a> ShadingContext<'a> {
     }
 
     /// The point as it was before displacement.
-    fn undisplaced_point(&self, base: BumpBase) -> SurfacePoint {
+    fn undisplaced_point(&self, base: SurfaceBase) -> SurfacePoint {
         let mut point = *self.point;
         if let Some(position) = self.undisplaced_position() {
             point.position = self.instance().world_from_object.transform_point3(position);
         }
-        if let Some(normal) = self.undisplaced_normal().filter(|_| base == BumpBase::Undisplaced) {
+        if let Some(normal) = self.undisplaced_normal().filter(|_| base == SurfaceBase::Undisplaced) {
             point.shading_normal = normal;
         }
         point
@@ -148,14 +149,16 @@ impl<'a> ShadingContext<'a> {
     pub(super) fn undisplaced_bump(
         &self,
         index: usize,
-        base: BumpBase,
+        base: SurfaceBase,
         values: &[Vec4],
         scratch: &mut [Vec4],
     ) -> Vec3 {
         let known = Known { context: self, values };
         let point = self.undisplaced_point(base);
-        let (Node::Bump { invert, strength, distance, filter_width, height, normal, .. }, Aid::Height(needed)) =
-            (&self.graph.nodes[index], &self.graph.aids[index])
+        let (
+            Node::Bump { invert, strength, distance, filter_width, height, normal, .. },
+            Aid::Height(needed),
+        ) = (&self.graph.nodes[index], &self.graph.aids[index])
         else {
             return point.shading_normal;
         };

@@ -1,7 +1,7 @@
 //! Values of nodes at a surface point.
 
 use glam::{Vec2, Vec3, Vec4};
-use relume_scene::{BumpBase, Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Scene};
+use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Scene, SurfaceBase};
 
 use super::coordinates;
 use super::graph::{Aid, Graph, rotation};
@@ -140,15 +140,17 @@ impl<'a> ShadingContext<'a> {
                 let (location, scale) = (known.vector(location), known.vector(scale));
                 coordinates::mapping(*kind, known.vector(vector), location, rotation, scale)
             }
-            Node::NormalMap { space, strength, color, undisplaced, .. } => {
+            Node::NormalMap { space, strength, color, base, .. } => {
                 let color = known.vector(color) * 2.0 - 1.0;
                 let (uv_map, strength) = (self.attribute(index), known.float(strength));
-                match (space, self.undisplaced().filter(|_| *undisplaced)) {
-                    (NormalSpace::Tangent, Some(_)) => self.undisplaced_normal_map(uv_map, strength, color),
-                    _ => self.normal_map(*space, uv_map, strength, color),
+                match (space, base, self.undisplaced()) {
+                    (NormalSpace::Tangent, SurfaceBase::Undisplaced, Some(_)) => {
+                        self.undisplaced_normal_map(uv_map, strength, color)
+                    }
+                    _ => self.normal_map(*space, *base, uv_map, strength, color),
                 }
             }
-            Node::Bump { base: BumpBase::Shaded, .. } => self.bump(index, values, scratch),
+            Node::Bump { base: SurfaceBase::Shaded, .. } => self.bump(index, values, scratch),
             Node::Bump { base, .. } => self.undisplaced_bump(index, *base, values, scratch),
             Node::Geometry => self.point.shading_normal,
             Node::ObjectInfo => return Vec4::from(self.instance().color),
@@ -247,14 +249,21 @@ impl<'a> ShadingContext<'a> {
         normal.cross(tangent.cross(normal).normalize_or_zero())
     }
 
-    pub(super) fn normal_map(&self, space: NormalSpace, uv_map: usize, strength: f32, color: Vec3) -> Vec3 {
+    pub(super) fn normal_map(
+        &self,
+        space: NormalSpace,
+        base: SurfaceBase,
+        uv_map: usize,
+        strength: f32,
+        color: Vec3,
+    ) -> Vec3 {
         let point = self.point;
         let side = if point.backfacing { -1.0 } else { 1.0 };
         let smooth = point.shading_normal;
         let blender_axes = Vec3::new(1.0, -1.0, -1.0);
         let normal = match space {
             NormalSpace::Tangent => {
-                let tangents = self.prepared.tangents(point.geometry, uv_map);
+                let tangents = self.prepared.tangents(point.geometry, uv_map, base);
                 let Some(tangents) = tangents.filter(|_| self.mesh().is_some()) else { return smooth };
                 let tangent = self.interpolate(|corner| tangents[corner].truncate());
                 let sign = self.interpolate(|corner| tangents[corner].w);

@@ -117,8 +117,10 @@ impl Graph {
             too_many("volume");
             graph.volume = None;
         }
-        graph.displacement = material.displacement.map(|Displacement { offset, keeps_normals }| {
-            Offset { input: offset, needs: graph.needed_by(&offset), keeps_normals }
+        graph.displacement = material.displacement.map(|Displacement { offset, keeps_normals }| Offset {
+            input: offset,
+            needs: graph.needed_by(&offset),
+            keeps_normals,
         });
         graph.aids = (0..graph.nodes.len()).map(|node| graph.aid(node, names)).collect();
         (graph, warnings)

@@ -319,7 +319,7 @@ fn normal_maps_bend_along_the_tangents() {
             uv_map: String::new(),
             strength: Input::Float(strength),
             color: Input::Rgb(color),
-            undisplaced: false,
+            base: Default::default(),
         }];
         value_of(nodes, Output::Normal)
     };
