@@ -349,6 +349,7 @@ with_sockets! {
         ObjectInfo,
         HairInfo,
         PointInfo,
+        LightPath,
     }
 }
 

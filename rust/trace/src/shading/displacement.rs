@@ -7,7 +7,7 @@ use super::coordinates::{self, footprint_axes};
 use super::evaluate::{Known, ShadingContext, bumped};
 use super::graph::{Aid, Offset};
 use super::values::NodeInputs;
-use super::{Hit, PreparedMaterials, SurfacePoint};
+use super::{Hit, PreparedMaterials, RayInfo, SurfacePoint};
 
 /// Barycentric coordinates of the corners of a triangle.
 const CORNERS: [[f32; 2]; 3] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
@@ -53,7 +53,7 @@ impl PreparedMaterials {
             ray_length: 0.0,
             footprint: 0.0,
             strand: None,
-            is_seen: false,
+            ray: RayInfo::default(),
         };
         let context = ShadingContext { prepared: self, scene, graph, point: &point, assumed: &[] };
         values.resize(graph.nodes.len(), Vec4::ZERO);
