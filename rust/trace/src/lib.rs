@@ -15,6 +15,7 @@ mod environment;
 pub mod filter;
 mod guide;
 mod integrator;
+mod light_classes;
 mod media;
 mod path;
 mod ray_offset;
