@@ -173,8 +173,8 @@ class Translation:
             self.displacement = {"offset": offset, "keeps_normals": method == "BOTH"}
         if method != "DISPLACEMENT":
             self.normal = self._bumped(offset, "shaded" if method == "BUMP" else SURFACE_BEFORE)
-        if method == "BUMP":
-            self.warn("displacement is taken as a bump map; where it is steep it is a little darker than in Cycles")
+            words = "is taken as a bump map" if method == "BUMP" else "bumps the surface as well"
+            self.warn(f"displacement {words}; where it is steep it is a little darker than in Cycles")
 
     def _bumped(self, displacement: dict[str, Any], base: str) -> dict[str, Any]:
         """The shading normal of a surface whose displacement Cycles bumps."""

@@ -9,15 +9,15 @@ def displaced_plane(scene):
 
 
 def displaced_both(scene):
-    """A ball with coarse and fine noise, displaced and bumped, at twice the size."""
+    """A ball of soft noise, displaced and bumped, at twice the size."""
     material, tree, output = _paint()
     ball = stage.hunt.add(scene, "Ball", stage.hunt.ball("Ball", 0.4, material, rings=48))
     ball.scale = (2.0,) * 3
     noise = tree.nodes.new("ShaderNodeTexNoise")
-    noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = 6.0, 6.0
+    noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = 4.0, 2.0
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     tree.links.new(coordinates.outputs["Generated"], noise.inputs["Vector"])
-    _along_normal(tree, output, noise.outputs[0], 0.15)
+    _along_normal(tree, output, noise.outputs[0], 0.08)
     material.displacement_method = "BOTH"
 
 

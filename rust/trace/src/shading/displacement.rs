@@ -18,7 +18,7 @@ impl PreparedMaterials {
         self.graph(material).displacement.as_ref()
     }
 
-    /// Object-space offset of a corner of a triangle of an instance, 0 along axes that its shaders give no number for.
+    /// Object-space offset of a corner of a triangle of an instance, 0 along axes where it is no finite number.
     /// `normal` is the object-space normal that they see. As in Cycles' `shader_setup_from_displace`, the point is seen
     /// along it, and nothing is known of its surroundings.
     pub(crate) fn displacement(
