@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 15] = [
+        let changes: [fn(&mut Scene); 16] = [
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
             |scene| scene.instances[0].density_factor = 0.5,
