@@ -1,8 +1,9 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
-    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, Input, Interpolation, MapRangeKind,
-    MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction,
-    PrincipledHair, Procedural, SheenModel, Subsurface, SurfaceBase, TexCoord, ToonComponent, VectorMathOp,
+    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, IesProfile, Input, Interpolation,
+    MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId, NormalSpace,
+    PhaseFunction, PrincipledHair, Procedural, SheenModel, Subsurface, SurfaceBase, TexCoord, ToonComponent,
+    VectorMathOp,
 };
 
 with_sockets! {
@@ -189,6 +190,12 @@ with_sockets! {
         },
         /// Procedural texture; in JSON `{"type": "procedural", "texture": "noise", ...}`.
         Procedural(Procedural),
+        /// Strength of a photometric file; without a vector, along the way back in object space.
+        Ies {
+            profile: IesProfile,
+            strength: Input,
+            vector: Option<Input>,
+        },
         TextureCoordinate {
             kind: TexCoord,
         },

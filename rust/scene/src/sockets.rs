@@ -2,9 +2,9 @@
 
 use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
-    HairPigment, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric, MixData,
-    MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel, SurfaceBase, TexCoord,
-    ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    HairPigment, IesProfile, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric,
+    MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel, SurfaceBase,
+    TexCoord, ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -34,7 +34,7 @@ macro_rules! properties {
     };
 }
 
-properties![bool, f32, usize, NodeId, String];
+properties![bool, f32, usize, NodeId, String, IesProfile];
 properties![
     BlendMode,
     SurfaceBase,

@@ -12,6 +12,7 @@ mod evaluate;
 mod fields;
 mod graph;
 mod hair;
+mod lamp;
 mod math;
 mod point;
 mod prepared;
@@ -28,6 +29,7 @@ mod volumes;
 
 pub(crate) use color::luminance;
 pub use constant::constant_emission;
+pub use lamp::{Lamp, LampKind, emission_map};
 pub(crate) use point::MediumPoint;
 pub use point::{Hit, RayInfo, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;
