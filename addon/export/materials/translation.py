@@ -104,6 +104,8 @@ class Translation:
         self.done: dict[Key, Any] = {}
         self.normal: dict[str, Any] | None = None
         """A link to the shading normal, where it is not the mesh's."""
+        self.bumped: dict[str, Any] = {}
+        """The normal that displacement bumps, as a field of the JSON form."""
         self.displacement: dict[str, Any] | None = None
         """Offset of vertices in the JSON form, if it moves any."""
         self.attributes: dict[str, str] = {}
@@ -121,8 +123,8 @@ class Translation:
         if volume and surface is None and self._has_surface(tree):
             surface = self.emit(NOTHING)  # Black, where rays would pass without any.
         moved = {"displacement": self.displacement} if self.displacement else {}
-        sampling = sampling_settings(self.material)
-        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **moved, **sampling}
+        own = moved | self.bumped | sampling_settings(self.material)
+        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **own}
 
     def _has_surface(self, tree: bpy.types.NodeTree | None) -> bool:
         output = surface_socket(tree) if tree is not None else None
@@ -173,8 +175,7 @@ class Translation:
             self.displacement = {"offset": offset, "keeps_normals": method == "BOTH"}
         if method != "DISPLACEMENT":
             self.normal = self._bumped(offset, "shaded" if method == "BUMP" else SURFACE_BEFORE)
-            words = "is taken as a bump map" if method == "BUMP" else "bumps the surface as well"
-            self.warn(f"displacement {words}; where it is steep it is a little darker than in Cycles")
+            self.bumped = {"bumped_normal": self.normal}
 
     def _bumped(self, displacement: dict[str, Any], base: str) -> dict[str, Any]:
         """The shading normal of a surface whose displacement Cycles bumps."""

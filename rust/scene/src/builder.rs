@@ -267,10 +267,12 @@ fn check_links(material: &Value) -> Result<(), String> {
             }
         }
     }
-    let displacement = &material["displacement"]["offset"]["node"];
-    for (root, node) in
-        [("surface", &material["surface"]), ("volume", &material["volume"]), ("displacement", displacement)]
-    {
+    for (root, node) in [
+        ("surface", &material["surface"]),
+        ("volume", &material["volume"]),
+        ("displacement", &material["displacement"]["offset"]["node"]),
+        ("normal", &material["bumped_normal"]["node"]),
+    ] {
         if !node.is_null() && node.as_u64().is_none_or(|node| node >= nodes.len() as u64) {
             return Err(format!("its {root} node does not exist"));
         }

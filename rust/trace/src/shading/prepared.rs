@@ -5,11 +5,12 @@ use relume_scene::{
 };
 
 use super::closures::shade;
-use super::evaluate::ShadingContext;
+use super::evaluate::{Known, ShadingContext};
 use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
 use super::tangents::{corner_tangents, spherical_coords, undisplaced_positions};
 use super::texture::{PreparedTexture, equirectangular};
+use super::values::NodeInputs;
 use super::volumes::shade_medium;
 use super::{Hit, MediumPoint, RayInfo, StrandPoint, SurfacePoint};
 use crate::bsdf::{Scatter, Surface};
@@ -177,6 +178,11 @@ impl PreparedMaterials {
             let context = ShadingContext { prepared: self, scene, graph, point, assumed: &[] };
             let mut values = surface.take_values(2 * graph.nodes.len());
             let (own, scratch) = values.split_at_mut(graph.nodes.len());
+            if let Some(normal) = &graph.normal {
+                context.run(&normal.needs, own, scratch);
+                let bumped = Known { context: &context, values: own }.vector(&normal.input);
+                surface.take_normal(bumped.normalize_or(point.shading_normal));
+            }
             shade(&context, root, 1.0, own, scratch, surface);
             surface.give_values(values);
         }
