@@ -58,8 +58,8 @@ TABLE = {
     },
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
-        "filter_width seed diffuse_bounces glossy_bounces transmission_bounces",
-        NAMED: "pixel_filter_type sample_clamp_* use_fast_gi film_transparent_glass use_camera_cull use_distance_cull "
+        "pixel_filter_type filter_width seed diffuse_bounces glossy_bounces transmission_bounces",
+        NAMED: "sample_clamp_* use_fast_gi film_transparent_glass use_camera_cull use_distance_cull "
         "texture_limit_render texture_resolution_render",
         "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
         "of nodes with scripts, which are named": "shading_system",

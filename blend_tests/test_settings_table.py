@@ -131,7 +131,6 @@ def holdout(scene):
         (subdivided, "object 'Plane': adaptive subdivision is not supported yet; subdivided 1 times"),
         (set_cycles("sample_clamp_direct", 1.0), "clamping"),
         (set_cycles("use_fast_gi", True), "Fast GI"),
-        (set_cycles("pixel_filter_type", "GAUSSIAN"), "Gaussian"),
         (transparent_glass, "transparent glass"),
         (set_object("visible_shadow", False), "object 'Plane': an object without shadow"),
         (set_object("is_holdout"), "object 'Plane': holdout"),

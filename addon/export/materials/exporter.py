@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import bpy
 
 from ..images import ImageExporter
+from ..object_attributes import NO_VALUE, Rgba
 from .closures import CLOSURES, FALLBACK_CLOSURES
 from .graph import used_tree
 from .hair import HAIR_CLOSURES, HAIR_VALUES
@@ -36,8 +37,8 @@ TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha
 class MaterialExporter:
     """Exports each material once and remembers its number."""
 
-    def __init__(self, builder: Any, images: ImageExporter):
-        """Exports to a builder of a scene."""
+    def __init__(self, builder: Any, images: ImageExporter, value_of_layer: Callable[[str], Rgba] = lambda _: NO_VALUE):
+        """Exports to a builder of a scene. `value_of_layer` finds attributes of the view layer."""
         self.builder = builder
         self.images = images
         self.numbers: dict[str | None, int] = {}
@@ -48,6 +49,9 @@ class MaterialExporter:
         self.attributes: dict[int, dict[str, str]] = {}
         """Names of attributes that a material reads from meshes, with the material and node for messages, by the
         material's number."""
+        self.of_objects: dict[int, set[str]] = {}
+        """Names that a material asks each instance for, by the material's number; only where there are any."""
+        self.value_of_layer = value_of_layer
 
     def number(self, material: bpy.types.Material | None, object_name: str) -> int:
         """Number of a material; None is Cycles' grey default. `object_name` is for messages."""
@@ -69,7 +73,7 @@ class MaterialExporter:
 
     def world_volume(self, world: bpy.types.World) -> int | None:
         """Number of a material whose volume is that of a world; None if it has none."""
-        translation = Translation(self.builder, self.images, TABLES, None, "")
+        translation = self._translation(None, "")
         translation.title, translation.owner = world.name, f"world '{world.name}'"
         try:
             with _deep_recursion():
@@ -85,8 +89,11 @@ class MaterialExporter:
             translation.warn(f"the nodes of its volume are not understood ({error}); left out")
             return None
 
+    def _translation(self, material: bpy.types.Material | None, object_name: str) -> Translation:
+        return Translation(self.builder, self.images, TABLES, material, object_name, self.value_of_layer)
+
     def _export(self, material: bpy.types.Material | None, object_name: str) -> int:
-        translation = Translation(self.builder, self.images, TABLES, material, object_name)
+        translation = self._translation(material, object_name)
         try:
             with _deep_recursion():
                 description = translation.run()
@@ -105,6 +112,8 @@ class MaterialExporter:
         self.attributes[number] = {
             name: f"material '{translation.title}', node '{node}'" for name, node in translation.attributes.items()
         }
+        if translation.of_objects:
+            self.of_objects[number] = translation.of_objects
         if _any(description, EMISSION):
             self.emissive.add(number)
         if "volume" in description:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import bpy
 
 from ..images import ImageExporter
+from ..object_attributes import NO_VALUE, Rgba
 from .graph import (
     CONVERTING,
     IS_INLINED,
@@ -76,11 +77,14 @@ class Translation:
         tables: NodeTables,
         material: bpy.types.Material | None,
         object_name: str,
+        value_of_layer: Callable[[str], Rgba] = lambda _name: NO_VALUE,
     ):
-        """Translates one material; messages name the object that shows it."""
+        """Translates one material; messages name the object that shows it. `value_of_layer` finds attributes of the
+        view layer."""
         self.builder = builder
         self.tables = tables
         self.images = images
+        self.value_of_layer = value_of_layer
         self.material = material
         self.title = material.name if material else "Default"
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
@@ -94,6 +98,8 @@ class Translation:
         """A link to the shading normal, where it is not the mesh's."""
         self.attributes: dict[str, str] = {}
         """Names of the mesh attributes that it reads, each with a node that does."""
+        self.of_objects: set[str] = set()
+        """Names that it asks each instance for, as of `object_attributes`."""
         self.medium_varies = False
         """True if the volume has nodes whose values differ from place to place."""
         self.in_medium = False

@@ -2,9 +2,10 @@
 
 use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
-    HairPigment, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric, MixData,
-    MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel, TexCoord, ToonComponent,
-    VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    HairPigment, ImageProjection, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel,
+    Metric, MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel,
+    TexCoord, Tile, ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind,
+    WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -34,7 +35,7 @@ macro_rules! properties {
     };
 }
 
-properties![bool, f32, usize, NodeId, String];
+properties![bool, f32, usize, NodeId, String, ImageProjection, Vec<Tile>];
 properties![BlendMode, ColorMode, Curve, Distribution, Extension, Interpolation, MapRangeKind, MappingKind];
 properties![HairComponent, HairModel, HairPigment, MetalFresnel, SheenModel, ToonComponent];
 properties![MathOp, MixData, MultipleScattering, NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp];

@@ -11,6 +11,7 @@ mod evaluate;
 mod fields;
 mod graph;
 mod hair;
+mod image;
 mod math;
 mod point;
 mod prepared;
