@@ -102,8 +102,8 @@ TABLE = {
     },
     "Object": {
         READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
-        "visible_transmission visible_volume_scatter light_linking cycles",
-        NAMED: "visible_shadow is_holdout is_shadow_catcher modifiers particle_systems",
+        "visible_transmission visible_volume_scatter visible_shadow light_linking cycles",
+        NAMED: "is_holdout is_shadow_catcher modifiers particle_systems",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
         "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
@@ -158,8 +158,8 @@ TABLE = {
     "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission", NOISE: "shadow", NAMED: "scatter"},
     "WorldLighting": {FAST_GI: "ao_factor distance"},
     "Material": {
-        READ: "node_tree use_nodes diffuse_color pass_index cycles",
-        NAMED: "displacement_method use_transparent_shadow",
+        READ: "node_tree use_nodes diffuse_color pass_index cycles use_transparent_shadow",
+        NAMED: "displacement_method",
         EEVEE: "surface_render_method blend_method shadow_method alpha_threshold use_transparency_overlap "
         "show_transparent_back use_backface_culling* use_raytrace_refraction use_screen_refraction "
         "use_sss_translucency refraction_depth thickness_mode use_thickness_from_shadow volume_intersection_method "
@@ -170,7 +170,7 @@ TABLE = {
         "of grease pencil, which is named": "grease_pencil",
     },
     "CyclesMaterialSettings": {
-        NOISE: "emission_sampling",
+        READ: "emission_sampling",
         "decided where nodes are exported": "use_bump_map_correction",
         MARCHING: "homogeneous_volume volume_*",
     },

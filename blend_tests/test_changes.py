@@ -326,6 +326,14 @@ def test_a_volume_of_the_world_is_a_change_and_its_light_stays_none(baked):
     assert said(baked) == []
 
 
+def test_shadows_of_transparent_parts_are_a_change(baked):
+    material = bpy.data.objects["Sofa"].active_material
+    material.use_transparent_shadow = False
+    assert said(baked) == [f"Material '{material.name}' changed"]
+    material.use_transparent_shadow = True
+    assert said(baked) == []
+
+
 def test_visibility_to_what_fog_scatters_is_a_change(baked):
     bpy.data.objects["Sofa"].visible_volume_scatter = False
     assert said(baked) == ["Visibility of 'Sofa' changed"]

@@ -317,16 +317,6 @@ def test_thin_film_is_named(tree, kind):
     assert any(f"node '{node.name}': thin film" in warning for warning in export()[1])
 
 
-@pytest.mark.parametrize("alpha", [0.5, 1.0])
-def test_transparency_without_its_shadow_is_named(tree, alpha):
-    tree, output, export = tree
-    node = tree.nodes.new("ShaderNodeBsdfPrincipled")
-    node.inputs["Alpha"].default_value = alpha
-    tree.links.new(node.outputs[0], output.inputs["Surface"])
-    bpy.data.materials["Paint"].use_transparent_shadow = False
-    assert any("shadows that ignore transparency" in warning for warning in export()[1]) == (alpha < 1.0)
-
-
 @pytest.mark.parametrize("surface", [None, "ShaderNodeHoldout"])
 @pytest.mark.parametrize("volume", [None, "ShaderNodeVolumeScatter", "ShaderNodeBsdfDiffuse"])
 def test_a_volume_alone_is_passed_through_and_nothing_at_all_is_black(tree, volume, surface):

@@ -132,7 +132,6 @@ def holdout(scene):
         (set_cycles("sample_clamp_direct", 1.0), "clamping"),
         (set_cycles("use_fast_gi", True), "Fast GI"),
         (transparent_glass, "transparent glass"),
-        (set_object("visible_shadow", False), "object 'Plane': an object without shadow"),
         (set_object("is_holdout"), "object 'Plane': holdout"),
         (set_object("is_shadow_catcher"), "object 'Plane': shadow catcher"),
         (holdout, "object 'Plane': holdout"),

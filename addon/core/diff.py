@@ -32,6 +32,7 @@ PARTS = {
     ("particles", "settings"): "Particle settings '{name}' changed",
     ("collection", "objects"): "Collection '{name}' has other objects",
     ("material", "nodes"): "Material '{name}' changed",
+    ("material", "sampling"): "Material '{name}' changed",
     ("image", "file"): "The file of image '{name}' changed",
     ("image", "tiles"): "Image '{name}' has other tiles",
     ("world", "shape"): "The world changed",

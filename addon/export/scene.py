@@ -240,6 +240,7 @@ class _SceneExporter:
             "shadow_terminator_offset": shadow_terminator(obj)[0],
             "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
+            "visible_shadow": obj.visible_shadow and owner.visible_shadow,
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
         asked = set().union(*(self.materials.of_objects.get(number, ()) for number in materials))
@@ -282,13 +283,6 @@ class _SceneExporter:
             warn(f"object '{name}': holdout is not supported yet; rendered as an ordinary object")
         if obj.is_shadow_catcher:
             warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
-        if not obj.visible_shadow:
-            warn(f"object '{name}': an object without shadow is not supported; it blocks light")
-        elif hidden := [ray for ray in ("diffuse", "glossy", "transmission") if not getattr(obj, f"visible_{ray}")]:
-            problem = (
-                f"hidden from {' and '.join(hidden)} rays, it casts no shadow on what sends them; Cycles shows one"
-            )
-            warn(f"object '{name}': {problem}")
 
     def _warn_about_emitter(self, obj: bpy.types.Object) -> None:
         warn, name, linking = self.builder.warn, obj.name, obj.light_linking

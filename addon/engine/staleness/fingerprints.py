@@ -21,7 +21,7 @@ from ...export.camera import UnsupportedCameraError, camera_json, film_size
 from ...export.curves import hides_hair, strand_shape
 from ...export.images import frame_of, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
-from ...export.materials import MaterialExporter
+from ...export.materials import MaterialExporter, sampling_settings
 from ...export.materials.graph import has_volume, used_tree
 from ...export.object_attributes import find_rgba
 from ...export.plain import plain
@@ -281,9 +281,13 @@ def _modifier_details(modifier: bpy.types.Modifier) -> list:
 def _material(material: bpy.types.Material) -> Fingerprint:
     used = used_tree(material)
     if used is None:
-        return {"nodes": hashed(values(material))}
-    method = material.displacement_method
-    return {"nodes": hashed(tree(used) if method == "BUMP" else [tree(used), method])}
+        found = {"nodes": hashed(values(material))}
+    else:
+        method = material.displacement_method
+        found = {"nodes": hashed(tree(used) if method == "BUMP" else [tree(used), method])}
+    if sampling := sampling_settings(material):
+        found["sampling"] = hashed(sampling)
+    return found
 
 
 def _group(geometry: bpy.types.NodeTree) -> Steps:

@@ -19,7 +19,7 @@ from .process import Worker, blender_command, private_folder, telling_little_roo
 COMMAND = "convert-image"
 JOB, PACKED, PIXELS, RESULT = "job.json", "packed", "pixels.npy", "result.npy"
 MULTIPLIED = {"PREMUL"} if bpy.app.version >= (5, 0, 0) else {"PREMUL", "CHANNEL_PACKED"}
-"""Alpha modes whose colours Cycles divides by alpha while it converts them. Before 5.0 it did so with unrelated alpha."""
+"""Alpha modes whose colours Cycles divides by alpha while it converts them; before 5.0 unrelated alpha too."""
 POLL_SECONDS = 0.02
 
 

@@ -1,6 +1,7 @@
 """Material node trees to the JSON form of `relume_scene::Material`."""
 
 from .exporter import MaterialExporter, asked_attributes
+from .translation import sampling_settings
 from .values import ANY_UV_MAP, FACTOR
 
-__all__ = ["ANY_UV_MAP", "FACTOR", "MaterialExporter", "asked_attributes"]
+__all__ = ["ANY_UV_MAP", "FACTOR", "MaterialExporter", "asked_attributes", "sampling_settings"]

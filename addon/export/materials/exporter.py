@@ -30,8 +30,6 @@ NOT_UNDERSTOOD = (ArithmeticError, AttributeError, LookupError, RuntimeError, Ty
 """Exceptions of a graph that holds something unforeseen."""
 FINE_STEPS = 0.1
 """Step rate up to which Cycles' march through media is right to some 1 %."""
-TRANSPARENCY = {"transparent": ("color", [0.0, 0.0, 0.0]), "principled": ("alpha", 1.0)}
-"""Fields of closures by their type, and the values that do nothing."""
 
 
 class MaterialExporter:
@@ -107,8 +105,6 @@ class MaterialExporter:
             translation.warn(f"its nodes are not understood ({reason}); taken as grey diffuse")
             description = {"name": translation.title, "nodes": [DEFAULT_SURFACE], "surface": 0}
             number = self.builder.add_material(json.dumps(description))
-        if material is not None and not material.use_transparent_shadow and _any(description, TRANSPARENCY):
-            translation.warn("shadows that ignore transparency are not supported; light passes what is transparent")
         self.attributes[number] = {
             name: f"material '{translation.title}', node '{node}'" for name, node in translation.attributes.items()
         }

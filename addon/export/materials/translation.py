@@ -48,6 +48,16 @@ COMPUTED = {
 """Types of nodes that Blender computes where it inlines and their inputs are constants."""
 
 
+def sampling_settings(material: bpy.types.Material | None) -> dict[str, bool]:
+    """Settings of how Cycles samples lights through a material, and its emission, where they are not the default."""
+    cycles = getattr(material, "cycles", None)
+    found = {
+        "opaque_shadows": material is not None and not material.use_transparent_shadow,
+        "unsampled_emission": getattr(cycles, "emission_sampling", "AUTO") == "NONE",
+    }
+    return {name: True for name, is_set in found.items() if is_set}
+
+
 class NodeTables(NamedTuple):
     """Functions that translate nodes, by their `bl_idname`."""
 
@@ -112,7 +122,7 @@ class Translation:
         volume = self.volume(tree)
         if volume and surface is None and self._has_surface(tree):
             surface = self.emit(NOTHING)  # Black, where rays would pass without any.
-        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume}
+        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **sampling_settings(self.material)}
 
     def _has_surface(self, tree: bpy.types.NodeTree | None) -> bool:
         output = surface_socket(tree) if tree is not None else None

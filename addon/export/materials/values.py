@@ -271,10 +271,13 @@ def _object_info(t: Translation, source: Source) -> Any:
 
 
 def _light_path(t: Translation, source: Source) -> Any:
-    """Paths are traced once for all rays, so tricks by ray type have no place: every ray is a first one."""
-    is_camera = source.socket.identifier == "Is Camera Ray"
-    t.warn(f"node '{source.node.name}': light path '{source.socket.name}' is not supported yet; as for a camera ray")
-    return 1.0 if is_camera else 0.0
+    name = source.socket.identifier
+    if name == "Portal Depth":
+        return 0.0
+    if t.in_medium:
+        t.warn(f"node '{source.node.name}': light path '{source.socket.name}' of a volume is taken as for a camera ray")
+        return 1.0 if name == "Is Camera Ray" else 0.0
+    return {"node": t.once(source, lambda: {"type": "light_path"}), "output": name.lower().replace(" ", "_")}
 
 
 def _color_ramp(t: Translation, source: Source) -> Any:

@@ -10,7 +10,6 @@ use obvhs::{
     BvhBuildParams, bvh2::builder::build_bvh2_from_tris, cwbvh::builder::build_cwbvh_from_tris, ray::RayHit,
     triangle::Triangle,
 };
-use relume_dump::Lobe;
 use relume_scene::Scene;
 use relume_trace::bvh::{Ray, SceneBvh};
 use relume_trace::camera::CameraSampler;
@@ -138,7 +137,11 @@ pub fn bounce(scene: &Scene, bvh: &SceneBvh, rays: &[Ray]) -> Vec<Ray> {
         let (sin, cos) = (std::f32::consts::TAU * u).sin_cos();
         let direction = (x * cos + y * sin) * v.sqrt() + normal * (1.0 - v).sqrt();
         let origin = ray.origin + ray.direction * hit.distance + normal * (hit.distance * 1e-5);
-        Ray { lobe: Lobe::Diffuse, from: Some((hit.instance, hit.primitive)), ..Ray::new(origin, direction) }
+        Ray {
+            kind: RayKind::Diffuse,
+            from: Some((hit.instance, hit.primitive)),
+            ..Ray::new(origin, direction)
+        }
     })
     .collect()
 }

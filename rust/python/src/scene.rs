@@ -170,7 +170,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, density_factor=1.0, grids=None, attributes=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, density_factor=1.0, grids=None, attributes=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -187,6 +187,7 @@ impl PySceneBuilder {
         shadow_terminator_shading: f32,
         visibility: [bool; 4],
         visible_volume_scatter: bool,
+        visible_shadow: bool,
         density_factor: f32,
         grids: Option<usize>,
         attributes: Vec<(String, [f32; 4])>,
@@ -210,6 +211,7 @@ impl PySceneBuilder {
             visible_glossy,
             visible_transmission,
             visible_volume_scatter,
+            visible_shadow,
             density_factor,
             grids,
             attributes,
@@ -583,7 +585,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "random": i.random, "shadow_terminator_offset": i.shadow_terminator_offset,
             "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
-            "visible_volume_scatter": i.visible_volume_scatter, "density_factor": i.density_factor,
+            "visible_volume_scatter": i.visible_volume_scatter, "visible_shadow": i.visible_shadow, "density_factor": i.density_factor,
         })).collect::<Vec<_>>(),
         "curves": scene.curves.iter().map(|c| serde_json::json!({
             "name": c.name, "shape": c.shape, "curves": c.curve_count(), "keys": c.keys.len(),

@@ -162,6 +162,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if let Some(grids) = instance.grids {
         json(hasher, &("grids", grids));
     }
+    if !instance.visible_shadow {
+        json(hasher, &"no shadow");
+    }
 }
 
 fn hash_grid(hasher: &mut Hasher, grid: &Grid) {
@@ -205,6 +208,7 @@ mod tests {
     fn everything_that_changes_paths_changes_the_hash() {
         let changes: [fn(&mut Scene); 15] = [
             |scene| scene.instances[0].visible_volume_scatter = false,
+            |scene| scene.instances[0].visible_shadow = false,
             |scene| scene.instances[0].density_factor = 0.5,
             |scene| scene.world.volume = Some(0),
             |scene| scene.meshes[0].positions[0].x = 1.000_001,

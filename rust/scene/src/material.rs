@@ -20,6 +20,17 @@ pub struct Material {
     /// The closure node of the medium that fills the inside of closed meshes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub volume: Option<NodeId>,
+    /// True if shadow rays meet its transparent parts as if they were opaque (Cycles' Transparent Shadows switched off).
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub opaque_shadows: bool,
+    /// True if only paths that hit it find its emission, no light samples (Cycles' Emission Sampling *None*). Light Path tells light
+    /// samples nothing of a ray's kind.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub unsampled_emission: bool,
+}
+
+fn is_false(value: &bool) -> bool {
+    !*value
 }
 
 impl Material {
@@ -27,9 +38,12 @@ impl Material {
     pub fn is_hull(&self) -> bool {
         self.surface.is_none() && self.volume.is_some()
     }
-}
 
-impl Material {
+    /// True if its shaders ask for the kind, depth or length of rays.
+    pub fn asks_light_path(&self) -> bool {
+        self.nodes.iter().any(|node| matches!(node, Node::LightPath))
+    }
+
     /// True if light may enter in one place and leave in another.
     pub fn has_subsurface(&self) -> bool {
         self.nodes.iter().any(|node| match node {
@@ -57,7 +71,7 @@ pub enum Input {
     },
 }
 
-/// Output sockets of value nodes. Those of strands and points are Hair Info's and Point Info's.
+/// Output sockets of value nodes. Those of strands and points are Hair Info's and Point Info's; those of rays Light Path's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the socket names of Blender's nodes")]
@@ -93,4 +107,18 @@ pub enum Output {
     PointPosition,
     PointRadius,
     PointRandom,
+    IsCameraRay,
+    IsShadowRay,
+    IsDiffuseRay,
+    IsGlossyRay,
+    IsSingularRay,
+    IsReflectionRay,
+    IsTransmissionRay,
+    IsVolumeScatterRay,
+    RayLength,
+    RayDepth,
+    DiffuseDepth,
+    GlossyDepth,
+    TransparentDepth,
+    TransmissionDepth,
 }

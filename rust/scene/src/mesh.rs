@@ -105,6 +105,9 @@ pub struct Instance {
     /// Seen by rays that a medium scattered, even where diffuse rays do not see it: those count as both, as in Cycles.
     #[serde(default = "yes", skip_serializing_if = "is_yes")]
     pub visible_volume_scatter: bool,
+    /// Seen by shadow rays. Where it is not, light passes it, and paths meet it all the same.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub visible_shadow: bool,
     /// Factor on the density of the medium inside (Cycles' volume density of an object, in object or world space).
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub density_factor: f32,
@@ -167,6 +170,7 @@ impl Instance {
             visible_glossy: true,
             visible_transmission: true,
             visible_volume_scatter: true,
+            visible_shadow: true,
             density_factor: 1.0,
         }
     }

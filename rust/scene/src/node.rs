@@ -343,6 +343,7 @@ with_sockets! {
         ObjectInfo,
         HairInfo,
         PointInfo,
+        LightPath,
     }
 }
 

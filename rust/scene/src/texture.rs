@@ -91,6 +91,10 @@ pub enum ImageProjection {
     Sphere,
     /// From the z axis through the middle of the unit cube onto a cylinder.
     Tube,
+    /// All directions by longitude and latitude.
+    Equirectangular,
+    /// All directions as a mirroring ball shows them from the front, along y.
+    MirrorBall,
 }
 
 impl ImageProjection {

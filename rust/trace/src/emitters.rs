@@ -8,7 +8,7 @@ use relume_scene::{HairModel, Input, Instance, Material, Node, Scene};
 use crate::{
     bsdf::Surface,
     discrete::Discrete1D,
-    shading::{Hit, PreparedMaterials},
+    shading::{Hit, PreparedMaterials, RayInfo, SurfacePoint},
 };
 
 /// Points of a triangle whose emission differs from place to place.
@@ -84,7 +84,11 @@ impl Emitters {
                     edge_2: c - a,
                     brightness: 0.0,
                 };
-                let power = emitter.measure(scene, materials, points, &mut surface);
+                let asks_light_path =
+                    material.is_some_and(|number| scene.materials[number].asks_light_path());
+                // What glows for some kinds of rays only is sampled for all, as in Cycles.
+                let rays = &[RayInfo::default(), RayInfo::OF_ALL_KINDS][..=usize::from(asks_light_path)];
+                let power = emitter.measure(scene, materials, points, rays, &mut surface);
                 if power > 0.0 {
                     triangles.push(emitter);
                     powers.push(power);
@@ -124,13 +128,14 @@ impl Emitters {
 }
 
 impl Emitter {
-    /// Evaluates both sides at so many points, and returns the mean of their sum times the area. Where all points of an image
-    /// happen to be black, it is left to BSDF sampling.
+    /// Evaluates both sides at so many points for some rays, and returns the mean of their sum times the area. Where all points of
+    /// an image happen to be black, it is left to BSDF sampling.
     fn measure(
         &mut self,
         scene: &Scene,
         materials: &PreparedMaterials,
         points: usize,
+        rays: &[RayInfo],
         surface: &mut Surface,
     ) -> f32 {
         let cross = self.cross();
@@ -144,9 +149,11 @@ impl Emitter {
             let position = self.corner + self.edge_1 * barycentrics[0] + self.edge_2 * barycentrics[1];
             for wo in [normal, -normal] {
                 let hit = Hit::on(scene, [self.instance, self.triangle], barycentrics, 1.0);
-                let point = materials.surface_point(scene, &hit, position + wo, -wo, 0.0);
-                materials.evaluate(scene, &point, surface);
-                let brightness = surface.emission().max_element();
+                let met = materials.surface_point(scene, &hit, position + wo, -wo, 0.0);
+                let brightness = rays.iter().fold(0.0, |brightest: f32, &ray| {
+                    materials.evaluate(scene, &SurfacePoint { ray, ..met }, surface);
+                    brightest.max(surface.emission().max_element())
+                });
                 sum += brightness;
                 self.brightness = self.brightness.max(brightness);
             }
@@ -169,11 +176,15 @@ fn is_seen_by_all(instance: &Instance) -> bool {
         && instance.visible_diffuse
         && instance.visible_glossy
         && instance.visible_transmission
+        && instance.visible_shadow
 }
 
 /// Number of points of a triangle at which a material's emission is to be measured, judged by its nodes: none if it
 /// cannot emit.
 fn points_to_measure(material: &Material) -> usize {
+    if material.unsampled_emission {
+        return 0;
+    }
     let is_zero = |input: &Input| match input {
         Input::Float(value) => *value == 0.0,
         Input::Rgb(color) => *color == [0.0; 3],

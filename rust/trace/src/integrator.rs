@@ -1,15 +1,17 @@
 //! Light-free paths: sampled by the BSDFs and a [`Guide`], recorded segment by segment (paper, sections 3.1 and 4.1).
 
+mod shadow_path;
 mod travel;
 
 use glam::Vec3;
 use relume_dump::{AovSample, End, Lobe, Segment, TileSamples};
 use relume_scene::Scene;
 
+pub(crate) use self::shadow_path::ShadowDifferences;
 use self::travel::{Arrival, Route};
 use crate::{
     bsdf::{BsdfSample, Caustics, Surface},
-    bvh::{Ray, SceneBvh},
+    bvh::{Ray, RayKind, SceneBvh},
     camera::CameraSampler,
     environment::EnvironmentLight,
     guide::{Cones, Guide},
@@ -66,16 +68,19 @@ pub(crate) struct Integrator<'a> {
     pub environment: EnvironmentLight,
     pub lights: Option<StaticLights>,
     pub media: Option<Media>,
+    pub shadows: Option<ShadowDifferences>,
     pub settings: PathSettings,
 }
 
 /// Groups of the sampler: the camera takes the first, each vertex of a path two.
 const CAMERA_GROUP: u32 = 0;
 const GROUPS_PER_VERTEX: u32 = 2;
-/// Added to a vertex's first group: numbers of the guide, of the way there through media, and of light's way from there.
+/// Added to a vertex's first group: numbers of the guide, of the way there through media, of light's way from there, and of
+/// the pieces of a shadow path.
 const GUIDE_GROUP: u32 = 1 << 31;
 const TRAVEL_GROUP: u32 = 1 << 30;
 const SHADOW_GROUP: u32 = 3 << 30;
+const SHADOW_PATH_GROUP: u32 = 1 << 29;
 
 /// The AOVs of one path while it is traced.
 struct Features {
@@ -85,6 +90,7 @@ struct Features {
 }
 
 /// A path on its way.
+#[derive(Clone)]
 struct Walk {
     path: PathState,
     ray: Ray,
@@ -113,7 +119,7 @@ impl Integrator<'_> {
         let mut features =
             Features { sample: AovSample { alpha: 1.0, ..AovSample::default() }, tint: Some(Vec3::ONE) };
         let mut walk = Walk {
-            path: PathState::new(),
+            path: PathState::new(camera.origin),
             ray: Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction) },
             footprint: camera.footprint,
             spread: camera.spread,
@@ -126,14 +132,15 @@ impl Integrator<'_> {
         for vertex_number in 0.. {
             let group = CAMERA_GROUP + 1 + GROUPS_PER_VERTEX * vertex_number;
             let draws = Draws::new(sampler, sample, group);
-            let arrival = match &self.media {
-                None => self.bvh.intersect(&walk.ray).map_or(Arrival::Escape, Arrival::Surface),
-                Some(media) => {
-                    let numbers = TrackingNumbers::new(draws.at(TRAVEL_GROUP));
-                    self.travel(media, &mut walk, &mut features, numbers, &mut scratch.media, sink)
-                }
-            };
-            let goes_on = match arrival {
+            if let Some(shadows) = &self.shadows
+                && shadows.hides_blockers(walk.ray.kind)
+                && walk.last.is_some()
+                && walk.path.starts_lit_ray()
+            {
+                self.record_shadow_path(&mut walk, None, draws, scratch, sink);
+            }
+            let numbers = || TrackingNumbers::new(draws.at(TRAVEL_GROUP));
+            let goes_on = match self.arrive(&mut walk, &mut features, numbers, &mut scratch.media, sink) {
                 Arrival::Lost => false,
                 Arrival::Escape => {
                     self.escape(&mut walk, &mut features, sink);
@@ -144,7 +151,7 @@ impl Integrator<'_> {
                 }
                 Arrival::Surface(hit) => {
                     if let Some(lights_only) = walk.path.lights_only {
-                        if (hit.instance, hit.primitive) != lights_only.primitive {
+                        if !lights_only.is_at(&hit) {
                             let end = lights_only.vertex + walk.ray.direction * hit.distance;
                             self.record(&mut walk, End::Vertex(end), sink);
                         }
@@ -154,11 +161,18 @@ impl Integrator<'_> {
                     let Ray { origin, direction, .. } = walk.ray;
                     let met =
                         self.materials.surface_point(self.scene, &hit, origin, direction, walk.footprint);
-                    let point = SurfacePoint { is_seen: walk.path.lobe == Lobe::Camera, ..met };
+                    let point = SurfacePoint { ray: walk.path.ray_info(), ..met };
                     self.record(&mut walk, End::Vertex(point.position), sink);
                     if walk.path.is_on_first_surface() {
                         let travelled = walk.route.as_ref().map_or(0.0, |route| route.travelled);
                         features.sample.depth = Some(camera.start + (travelled + hit.distance));
+                    }
+                    if let Some(shadows) = &self.shadows
+                        && shadows.at(hit.instance)
+                        && walk.last.is_some()
+                        && walk.path.is_lit()
+                    {
+                        self.record_shadow_path(&mut walk, Some(&point), draws, scratch, sink);
                     }
                     self.meet(&mut walk, &point, guide, scratch, &mut features, draws, sink)
                 }
@@ -170,6 +184,21 @@ impl Integrator<'_> {
         features.sample.emission *= self.settings.film_exposure;
         features.sample.world *= self.settings.film_exposure;
         sink.end_path(features.sample);
+    }
+
+    /// Takes a path to what it meets next. The numbers are for media.
+    fn arrive(
+        &self,
+        walk: &mut Walk,
+        features: &mut Features,
+        numbers: impl FnOnce() -> TrackingNumbers,
+        scratch: &mut MediaScratch,
+        sink: &mut impl PathSink,
+    ) -> Arrival {
+        match &self.media {
+            None => self.bvh.intersect(&walk.ray).map_or(Arrival::Escape, Arrival::Surface),
+            Some(media) => self.travel(media, walk, features, numbers(), scratch, sink),
+        }
     }
 
     /// Records the path's current segment, as the film sees it, if lights along it count.
@@ -314,7 +343,7 @@ impl Integrator<'_> {
             } else {
                 features.record_surface(surface);
             }
-            path.scatter(&sample, limits);
+            path.scatter(point.position, &sample, limits);
             path.receiver = self.scene.instances[point.instance as usize].receiver;
             *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf });
         }
@@ -326,7 +355,7 @@ impl Integrator<'_> {
         } else {
             offset_origin(ray, point);
         }
-        ray.lobe = path.lobe;
+        ray.kind = path.lobe.into();
         ray.t_max = f32::INFINITY;
         let goes_through = point.geometric_normal.dot(sample.wi) < 0.0;
         self.leave(walk, point, sample.transparent || (goes_through && sample.lobe == Lobe::Transmission));
@@ -397,12 +426,12 @@ impl Integrator<'_> {
         else {
             return false;
         };
-        walk.path.scatter_in_medium(weight, pdf, limits);
+        walk.path.scatter_in_medium(position, weight, pdf, limits);
         if let (Some(media), Some(route)) = (&self.media, &walk.route) {
             walk.path.receiver = media.receiver(&route.stack);
         }
         walk.last = Some(LastBounce { position, pdf });
-        walk.ray = Ray { lobe: Lobe::Volume, ..Ray::new(position, direction) };
+        walk.ray = Ray { kind: RayKind::Volume, ..Ray::new(position, direction) };
         walk.begin_segment(position);
         true
     }
@@ -435,6 +464,7 @@ impl Integrator<'_> {
             bvh: &self.bvh,
             materials: &self.materials,
             environment: &self.environment,
+            ray: path.ray_info(),
             cones,
             transparent_left: path.transparent_left(&self.settings.bounces),
             media,

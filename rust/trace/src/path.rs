@@ -3,7 +3,11 @@
 use glam::Vec3;
 use relume_dump::{End, Lobe, Segment};
 
-use crate::{bsdf::BsdfSample, settings::BounceLimits};
+use crate::{
+    bsdf::BsdfSample,
+    settings::BounceLimits,
+    shading::{Hit, RayInfo},
+};
 
 /// State of one path.
 #[derive(Clone, Copy, Debug)]
@@ -16,6 +20,10 @@ pub(crate) struct PathState {
     pub is_diffuse: bool,
     /// True if that or an earlier event was.
     pub was_diffuse: bool,
+    /// True if that event was a mirror or clear glass.
+    is_singular: bool,
+    /// Place of that event, or the camera's.
+    origin: Vec3,
     /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
     pub light_lobe: Lobe,
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
@@ -23,7 +31,8 @@ pub(crate) struct PathState {
     pub receiver: u16,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::SampleReach::Lights`]).
     pub lights_only: Option<LightsOnly>,
-    /// True if lights along the current segment do not count ([`BsdfSample::unlit`]).
+    /// True if lights along the current ray do not count: the sample says so ([`BsdfSample::unlit`]), or they were recorded
+    /// already ([`PathState::darken`]).
     unlit: bool,
     /// End of the segment before, if that was left out of the record. Segments that continue its ray are left out, too.
     pub left_out: Option<End>,
@@ -54,14 +63,23 @@ pub(crate) struct LightsOnly {
     pub primitive: (u32, u32),
 }
 
+impl LightsOnly {
+    /// True if a hit is on the primitive of that vertex.
+    pub fn is_at(&self, hit: &Hit) -> bool {
+        (hit.instance, hit.primitive) == self.primitive
+    }
+}
+
 impl PathState {
-    /// A path that leaves the camera.
-    pub fn new() -> Self {
+    /// A path that leaves the camera at `origin`.
+    pub fn new(origin: Vec3) -> Self {
         Self {
             throughput: Vec3::ONE,
             lobe: Lobe::Camera,
             is_diffuse: false,
             was_diffuse: false,
+            is_singular: false,
+            origin,
             light_lobe: Lobe::Camera,
             receiver: 0,
             lights_only: None,
@@ -90,6 +108,63 @@ impl PathState {
             receiver: self.receiver,
             continues: self.continues,
         }
+    }
+
+    /// The current ray, as shaders see it.
+    pub fn ray_info(&self) -> RayInfo {
+        let lobe = self.lobe;
+        RayInfo {
+            is_camera: lobe == Lobe::Camera,
+            is_shadow: false,
+            is_diffuse: self.is_diffuse,
+            is_glossy: !self.is_diffuse && !matches!(lobe, Lobe::Camera | Lobe::Volume),
+            is_singular: self.is_singular,
+            is_reflection: matches!(lobe, Lobe::Diffuse | Lobe::Glossy),
+            is_transmission: lobe == Lobe::Transmission,
+            is_volume_scatter: lobe == Lobe::Volume,
+            origin: self.origin,
+            depth: self.bounces,
+            diffuse_depth: self.diffuse,
+            glossy_depth: self.glossy,
+            transmission_depth: self.transmission,
+            transparent_depth: self.transparent,
+        }
+    }
+
+    /// A shadow ray from the event that made the current ray, as shaders see it: counted before that event, one bounce further.
+    pub fn shadow_info(&self) -> RayInfo {
+        let event = |lobe| u32::from(self.lobe == lobe);
+        RayInfo {
+            is_shadow: true,
+            origin: self.origin,
+            depth: self.bounces,
+            diffuse_depth: self.diffuse - event(Lobe::Diffuse),
+            glossy_depth: self.glossy - event(Lobe::Glossy),
+            transmission_depth: self.transmission - event(Lobe::Transmission),
+            transparent_depth: self.transparent,
+            ..RayInfo::default()
+        }
+    }
+
+    /// Place from which the current ray's length counts: the last event, or the camera.
+    pub fn origin(&self) -> Vec3 {
+        self.origin
+    }
+
+    /// True if the path is at the start of a ray along which lights count.
+    pub fn starts_lit_ray(&self) -> bool {
+        !self.continues && !self.unlit
+    }
+
+    /// True if lights along the current ray count.
+    pub fn is_lit(&self) -> bool {
+        !self.unlit
+    }
+
+    /// Leaves lights along the rest of the current ray out: another ray recorded them, and the record is at its end.
+    pub fn darken(&mut self, position: Vec3) {
+        self.unlit = true;
+        self.left_out = Some(End::Vertex(position));
     }
 
     /// True if the path is on the first surface after the camera.
@@ -123,10 +198,11 @@ impl PathState {
     }
 
     /// Scatters in a medium. What the collision leaves of the light was taken into account there; `weight` is of the direction.
-    pub fn scatter_in_medium(&mut self, weight: Vec3, pdf: f32, limits: &BounceLimits) {
+    pub fn scatter_in_medium(&mut self, position: Vec3, weight: Vec3, pdf: f32, limits: &BounceLimits) {
         self.throughput *= weight;
         self.min_pdf = self.min_pdf.min(pdf);
-        (self.lobe, self.light_lobe, self.is_diffuse) = (Lobe::Volume, Lobe::Volume, false);
+        (self.lobe, self.light_lobe, self.origin) = (Lobe::Volume, Lobe::Volume, position);
+        (self.is_diffuse, self.is_singular) = (false, false);
         (self.through_transparent, self.continues, self.unlit) = (false, false, false);
         self.bounces += 1;
         self.volume += 1;
@@ -153,9 +229,9 @@ impl PathState {
         !self.unlit && (is_found || self.transparent <= limits.transparent)
     }
 
-    /// Scatters at a surface (`path_state_next`). Cycles' kernel limits are the settings plus one, so that a light is
+    /// Scatters at a surface, at `position` (`path_state_next`). Cycles' kernel limits are the settings plus one, so that a light is
     /// still met by the segment after the last bounce that the settings allow, as by Cycles' direct light there.
-    pub fn scatter(&mut self, sample: &BsdfSample, limits: &BounceLimits) {
+    pub fn scatter(&mut self, position: Vec3, sample: &BsdfSample, limits: &BounceLimits) {
         self.throughput *= sample.weight;
         self.min_pdf = self.min_pdf.min(sample.pdf);
         self.lobe = sample.lobe;
@@ -163,6 +239,7 @@ impl PathState {
         self.was_diffuse |= sample.diffuse;
         self.light_lobe = sample.light_lobe;
         self.unlit = sample.unlit;
+        (self.is_singular, self.origin) = (sample.singular, position);
         (self.through_transparent, self.continues) = (false, false);
         self.bounces += 1;
         let (count, limit) = match sample.lobe {
@@ -197,20 +274,20 @@ mod tests {
     #[test]
     fn lights_do_not_count_where_a_sample_says_so() {
         let limits = BounceLimits::default();
-        let mut path = PathState::new();
-        path.scatter(&BsdfSample { unlit: true, ..bounce(Lobe::Glossy) }, &limits);
+        let mut path = PathState::new(Vec3::ZERO);
+        path.scatter(Vec3::ZERO, &BsdfSample { unlit: true, ..bounce(Lobe::Glossy) }, &limits);
         path.pass_through(Vec3::ONE, &limits);
         assert!(!path.sees_lights(&limits, false) && !path.sees_lights(&limits, true));
-        path.scatter(&bounce(Lobe::Diffuse), &limits);
+        path.scatter(Vec3::ZERO, &bounce(Lobe::Diffuse), &limits);
         assert!(path.sees_lights(&limits, false));
     }
 
     #[test]
     fn direct_light_only_still_has_the_segment_after_the_first_surface() {
         let limits = BounceLimits { total: 0, ..BounceLimits::default() };
-        let mut path = PathState::new();
+        let mut path = PathState::new(Vec3::ZERO);
         assert!(!path.is_last_surface());
-        path.scatter(&bounce(Lobe::Diffuse), &limits);
+        path.scatter(Vec3::ZERO, &bounce(Lobe::Diffuse), &limits);
         assert!(path.is_last_surface());
     }
 
@@ -218,9 +295,9 @@ mod tests {
     fn each_kind_has_its_own_limit() {
         let limits = BounceLimits { diffuse: 1, glossy: 2, transmission: 3, ..BounceLimits::default() };
         for (lobe, allowed) in [(Lobe::Diffuse, 2), (Lobe::Glossy, 3), (Lobe::Transmission, 4)] {
-            let mut path = PathState::new();
+            let mut path = PathState::new(Vec3::ZERO);
             let bounces = (1..10).find(|_| {
-                path.scatter(&bounce(lobe), &limits);
+                path.scatter(Vec3::ZERO, &bounce(lobe), &limits);
                 path.is_last_surface()
             });
             assert_eq!(bounces, Some(allowed), "{lobe:?}");
@@ -232,7 +309,7 @@ mod tests {
         for more_transparent in [0, 1] {
             let limits =
                 BounceLimits { total: 0, transparent: 2, more_transparent, ..BounceLimits::default() };
-            let mut path = PathState::new();
+            let mut path = PathState::new(Vec3::ZERO);
             for _ in 0..2 + more_transparent {
                 assert!(path.survival(&limits) > 0.0 && path.sees_lights(&limits, false));
                 path.pass_through(Vec3::ONE, &limits);
@@ -247,10 +324,10 @@ mod tests {
     #[test]
     fn roulette_starts_after_the_second_bounce_with_the_root_of_the_throughput() {
         let limits = BounceLimits::default();
-        let mut path = PathState::new();
-        path.scatter(&bounce(Lobe::Diffuse), &limits);
+        let mut path = PathState::new(Vec3::ZERO);
+        path.scatter(Vec3::ZERO, &bounce(Lobe::Diffuse), &limits);
         assert_eq!(path.survival(&limits), 1.0);
-        path.scatter(&bounce(Lobe::Diffuse), &limits);
+        path.scatter(Vec3::ZERO, &bounce(Lobe::Diffuse), &limits);
         assert_eq!(path.survival(&limits), 0.25);
     }
 }

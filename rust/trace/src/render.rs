@@ -14,7 +14,7 @@ use crate::{
     camera::CameraSampler,
     environment::EnvironmentLight,
     guide::Guide,
-    integrator::{Integrator, PathScratch, PathSink},
+    integrator::{Integrator, PathScratch, PathSink, ShadowDifferences},
     media::{Bounds, Media},
     sampler::PixelSampler,
     settings::TraceSettings,
@@ -125,6 +125,7 @@ impl<'a> Tracer<'a> {
             materials,
             environment,
             lights,
+            shadows: ShadowDifferences::new(scene),
             settings: paths,
         };
         let guide = Guide::new(&guide_targets(scene, settings), settings.guiding);

@@ -4,18 +4,17 @@
 //! heuristic (Veach 1997, section 9.2.4). A shadow ray goes straight through transparent surfaces.
 
 use glam::Vec3;
-use relume_dump::Lobe;
 use relume_scene::Scene;
 
 use crate::{
     bsdf::Surface,
-    bvh::{Ray, SceneBvh},
+    bvh::{Ray, RayKind, SceneBvh},
     emitters::{Emitters, may_be_transparent},
     environment::EnvironmentLight,
     guide::Cones,
     media::ShadowMedia,
     ray_offset::offset_origin,
-    shading::{Hit, PreparedMaterials, SurfacePoint},
+    shading::{Hit, PreparedMaterials, RayInfo, SurfacePoint},
     vertex::Vertex,
 };
 
@@ -27,7 +26,7 @@ const LIGHT_THRESHOLD: f32 = 0.01;
 pub(crate) struct StaticLights {
     emitters: Option<Emitters>,
     samples_environment: bool,
-    /// For each instance: whether any of its materials lets light through.
+    /// For each instance: whether any of its materials lets shadow rays through.
     transparent: Vec<bool>,
     any_transparent: bool,
 }
@@ -51,7 +50,9 @@ impl StaticLights {
     pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &EnvironmentLight) -> Option<Self> {
         let emitters = Emitters::new(scene, materials);
         let samples_environment = environment.can_sample();
-        let by_material: Vec<bool> = scene.materials.iter().map(may_be_transparent).collect();
+        let by_material: Vec<bool> = (scene.materials.iter())
+            .map(|material| may_be_transparent(material) && !material.opaque_shadows)
+            .collect();
         let transparent: Vec<bool> = scene
             .instances
             .iter()
@@ -141,7 +142,8 @@ impl StaticLights {
         scratch: &mut Surface,
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
-        let mut ray = Ray { lobe: Lobe::Diffuse, ..vertex.ray(direction) };
+        let mut ray = Ray { kind: RayKind::Shadow, ..vertex.ray(direction) };
+        let shadow = tracer.ray.shadow_from(vertex.position());
         if let Some(media) = &mut tracer.media {
             media.leave_vertex(vertex, direction);
         }
@@ -165,10 +167,12 @@ impl StaticLights {
             if goal != Some(met) && !self.transparent[hit.instance as usize] {
                 return None;
             }
-            let surface_point = tracer.shade(&ray, &hit, scratch);
             if goal == Some(met) {
+                tracer.shade(&ray, &hit, tracer.ray.to_emitter(vertex.position()), scratch);
                 return Some(through);
             }
+            let passed_ray = RayInfo { transparent_depth: shadow.transparent_depth + passed, ..shadow };
+            let surface_point = tracer.shade(&ray, &hit, passed_ray, scratch);
             through *= scratch.transparency();
             if through.max_element() <= 0.0 {
                 return None;
@@ -189,6 +193,8 @@ pub(crate) struct ShadowTracer<'a> {
     pub bvh: &'a SceneBvh,
     pub materials: &'a PreparedMaterials,
     pub environment: &'a EnvironmentLight,
+    /// The path's ray, which met the vertex.
+    pub ray: RayInfo,
     /// Cones that the path's own directions are drawn from beside the surface.
     pub cones: Option<&'a Cones>,
     /// Number of transparent surfaces that may lie before a light.
@@ -198,8 +204,9 @@ pub(crate) struct ShadowTracer<'a> {
 }
 
 impl ShadowTracer<'_> {
-    fn shade(&self, ray: &Ray, hit: &Hit, surface: &mut Surface) -> SurfacePoint {
-        let point = self.materials.surface_point(self.scene, hit, ray.origin, ray.direction, 0.0);
+    fn shade(&self, ray: &Ray, hit: &Hit, info: RayInfo, surface: &mut Surface) -> SurfacePoint {
+        let met = self.materials.surface_point(self.scene, hit, ray.origin, ray.direction, 0.0);
+        let point = SurfacePoint { ray: info, ..met };
         self.materials.evaluate(self.scene, &point, surface);
         point
     }

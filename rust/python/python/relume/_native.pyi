@@ -90,6 +90,7 @@ class SceneBuilder:
         shadow_terminator_shading: float = 0.0,
         visibility: Sequence[bool] = (True, True, True, True),
         visible_volume_scatter: bool = True,
+        visible_shadow: bool = True,
         density_factor: float = 1.0,
         grids: int | None = None,
         attributes: Sequence[tuple[str, Sequence[float]]] = (),

@@ -8,7 +8,7 @@ use relume_dump::Lobe;
 use relume_scene::MultipleScattering;
 
 use super::*;
-use crate::shading::SurfacePoint;
+use crate::shading::{RayInfo, SurfacePoint};
 
 /// SplitMix64, to have the same samples in every run.
 pub(super) struct Random(pub u64);
@@ -41,7 +41,7 @@ pub(super) fn facing(wo: Vec3) -> Surface {
         ray_length: 1.0,
         footprint: 1e-3,
         strand: None,
-        is_seen: true,
+        ray: RayInfo::default(),
     };
     let mut surface = Surface::default();
     surface.reset(&point);

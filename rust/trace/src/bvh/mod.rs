@@ -48,6 +48,31 @@ pub enum BvhError {
     },
 }
 
+/// Kind of a ray, by which objects are visible: that of the lobe which made it, or a shadow ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+#[expect(missing_docs, reason = "the kinds of ray visibility in Blender")]
+pub enum RayKind {
+    Camera,
+    Diffuse,
+    Glossy,
+    Transmission,
+    Volume,
+    Shadow,
+}
+
+impl From<Lobe> for RayKind {
+    fn from(lobe: Lobe) -> Self {
+        match lobe {
+            Lobe::Camera => Self::Camera,
+            Lobe::Diffuse => Self::Diffuse,
+            Lobe::Glossy => Self::Glossy,
+            Lobe::Transmission => Self::Transmission,
+            Lobe::Volume => Self::Volume,
+        }
+    }
+}
+
 /// A ray, and what it may meet.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
@@ -59,8 +84,8 @@ pub struct Ray {
     pub t_min: f32,
     /// Hits are nearer than this.
     pub t_max: f32,
-    /// Scattering event that made the ray; objects can be invisible to a kind of ray.
-    pub lobe: Lobe,
+    /// Objects can be invisible to a kind of ray.
+    pub kind: RayKind,
     /// Instance and primitive that it leaves, which it cannot meet again at once (as in Cycles).
     pub from: Option<(u32, u32)>,
 }
@@ -68,7 +93,7 @@ pub struct Ray {
 impl Ray {
     /// An unlimited ray that meets what cameras see.
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
-        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY, lobe: Lobe::Camera, from: None }
+        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY, kind: RayKind::Camera, from: None }
     }
 }
 
@@ -76,7 +101,7 @@ impl Ray {
 #[derive(Clone, Debug)]
 pub struct SceneBvh {
     tree: Arc<Tree>,
-    /// Bit per [`Lobe`] for each instance.
+    /// Bit per [`RayKind`] for each instance.
     visibility: Vec<u8>,
     /// True if any instance is invisible to any lobe.
     any_hidden: bool,
@@ -139,9 +164,9 @@ impl SceneBvh {
     }
 
     fn walk<const ANY: bool>(&self, ray: &Ray) -> Option<NearestHit> {
-        let lobe = 1 << ray.lobe as u8;
+        let kind = 1 << ray.kind as u8;
         let (from_placed, from_id) = self.source_primitive(ray);
-        let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & lobe != 0;
+        let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & kind != 0;
         let placed_instance = |placement: u32| self.tree.placements[placement as usize].instance;
         let accept = |placement: u32, id: u32| {
             if placement == u32::MAX {
@@ -239,19 +264,20 @@ impl SceneBvh {
 /// Stands for the placement of an instance whose triangles are in the world's tree.
 const NOT_PLACED: u32 = u32::MAX;
 
-const ALL_VISIBLE: u8 = 0b1_1111;
+const ALL_VISIBLE: u8 = 0b11_1111;
 
-/// Rays from volume scattering count as diffuse, too, as in Cycles (`path_state_ray_visibility`).
-fn visibility_bits(instance: &Instance) -> u8 {
+/// Bit for each [`RayKind`] that sees an instance. Rays from volume scattering count as diffuse, too, as in Cycles (`path_state_ray_visibility`).
+pub(crate) fn visibility_bits(instance: &Instance) -> u8 {
     [
-        (instance.visible_camera, Lobe::Camera),
-        (instance.visible_diffuse, Lobe::Diffuse),
-        (instance.visible_glossy, Lobe::Glossy),
-        (instance.visible_transmission, Lobe::Transmission),
-        (instance.visible_diffuse || instance.visible_volume_scatter, Lobe::Volume),
+        (instance.visible_camera, RayKind::Camera),
+        (instance.visible_diffuse, RayKind::Diffuse),
+        (instance.visible_glossy, RayKind::Glossy),
+        (instance.visible_transmission, RayKind::Transmission),
+        (instance.visible_diffuse || instance.visible_volume_scatter, RayKind::Volume),
+        (instance.visible_shadow, RayKind::Shadow),
     ]
     .into_iter()
-    .fold(0, |bits, (visible, lobe)| bits | u8::from(visible) << lobe as u8)
+    .fold(0, |bits, (visible, kind)| bits | u8::from(visible) << kind as u8)
 }
 
 #[cfg(target_arch = "x86_64")]

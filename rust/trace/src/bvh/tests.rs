@@ -1,5 +1,4 @@
 use glam::{Affine3A, Quat, Vec3};
-use relume_dump::Lobe;
 use relume_scene::{Instance, Mesh, Scene};
 
 use super::*;
@@ -291,9 +290,17 @@ fn hidden_instances_are_seen_by_other_rays_only() {
         )]);
         scene.instances[0].visible_glossy = false;
         let bvh = SceneBvh::new(&scene).unwrap();
-        let first = |lobe| bvh.intersect(&Ray { lobe, ..Ray::new(Vec3::ZERO, Vec3::Z) }).unwrap().instance;
-        let all = [Lobe::Camera, Lobe::Diffuse, Lobe::Glossy, Lobe::Transmission, Lobe::Volume].map(first);
-        assert_eq!(all, [0, 0, 1, 0, 0]);
+        let first = |kind| bvh.intersect(&Ray { kind, ..Ray::new(Vec3::ZERO, Vec3::Z) }).unwrap().instance;
+        let all = [
+            RayKind::Camera,
+            RayKind::Diffuse,
+            RayKind::Glossy,
+            RayKind::Transmission,
+            RayKind::Volume,
+            RayKind::Shadow,
+        ]
+        .map(first);
+        assert_eq!(all, [0, 0, 1, 0, 0, 0]);
         // What a medium scattered counts as diffuse, too.
         for (visible_diffuse, visible_volume_scatter, seen) in
             [(false, true, 0), (true, false, 0), (false, false, 1)]
@@ -301,7 +308,7 @@ fn hidden_instances_are_seen_by_other_rays_only() {
             let instance = &mut scene.instances[0];
             (instance.visible_diffuse, instance.visible_volume_scatter) =
                 (visible_diffuse, visible_volume_scatter);
-            let ray = Ray { lobe: Lobe::Volume, ..Ray::new(Vec3::ZERO, Vec3::Z) };
+            let ray = Ray { kind: RayKind::Volume, ..Ray::new(Vec3::ZERO, Vec3::Z) };
             assert_eq!(SceneBvh::new(&scene).unwrap().intersect(&ray).unwrap().instance, seen);
         }
     }
@@ -337,7 +344,7 @@ fn rays_within_a_body_meet_that_body_alone() {
             meshes: scene.meshes.clone(),
             ..Scene::default()
         };
-        let ray = Ray { lobe: Lobe::Diffuse, ..Ray::new(random.point(1.2), random.direction()) };
+        let ray = Ray { kind: RayKind::Diffuse, ..Ray::new(random.point(1.2), random.direction()) };
         let (inner, outer) = (brute_force(&alone, &ray, -1e-4), brute_force(&alone, &ray, 1e-4));
         let hit = bvh.intersect_within(&ray, instance as u32);
         let t = hit.map_or(f64::INFINITY, |hit| f64::from(hit.distance));

@@ -45,6 +45,11 @@ impl Route {
         Self { stack, start, recorded: start, travelled: 0.0 }
     }
 
+    /// Goes on with a record that another ray has added to.
+    pub(super) fn continue_record(&mut self, other: &Self) {
+        self.recorded = other.recorded;
+    }
+
     /// Records a segment of a scene in which all space is filled: the part of it within the box outside of which positions are not
     /// stored. A record without weight leads to where it starts, if that is not where the last one ended.
     pub(super) fn record_within(&mut self, bounds: &Bounds, segment: Segment, sink: &mut impl PathSink) {
@@ -107,6 +112,7 @@ impl Integrator<'_> {
         let (end, throughput) = (End::Vertex(exit.position), Vec3::ZERO);
         let receiver = self.scene.instances[entry.instance as usize].receiver;
         sink.push(Segment { end, throughput, lobe: Lobe::Diffuse, receiver, continues: false });
+        walk.path.left_out = None;
         walk.begin_segment(exit.position);
         if let (Some(media), Some(route)) = (&self.media, &mut walk.route) {
             self.cross_media_in_body(media, entry, exit, &mut route.stack);

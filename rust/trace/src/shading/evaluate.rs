@@ -32,6 +32,7 @@ impl NodeInputs for Known<'_, '_> {
     fn link(&self, node: NodeId, output: Output) -> Vec4 {
         let (context, point) = (self.context, self.context.point);
         let instance = context.instance();
+        let flag = |is_so: bool| Vec4::splat(f32::from(is_so));
         let of_strand =
             |fact: fn(StrandInfo) -> f32| Vec4::splat(point.strand_info(context.scene).map_or(0.0, fact));
         let of_point =
@@ -40,12 +41,12 @@ impl NodeInputs for Known<'_, '_> {
             Output::Position => point.position.extend(1.0),
             Output::TrueNormal => point.geometric_normal.extend(1.0),
             Output::Incoming => point.wo.extend(1.0),
-            Output::Backfacing => Vec4::splat(f32::from(point.backfacing)),
+            Output::Backfacing => flag(point.backfacing),
             Output::Tangent => context.tangent().extend(1.0),
             Output::Location => Vec3::from(instance.world_from_object.translation).extend(1.0),
             Output::ObjectIndex => Vec4::splat(instance.pass_index as f32),
             Output::Random => Vec4::splat(instance.random),
-            Output::IsStrand => Vec4::splat(f32::from(point.strand.is_some())),
+            Output::IsStrand => flag(point.strand.is_some()),
             Output::Intercept => of_strand(|strand| strand.intercept),
             Output::Length => of_strand(|strand| strand.length),
             Output::Thickness => of_strand(|strand| strand.thickness),
@@ -56,6 +57,20 @@ impl NodeInputs for Known<'_, '_> {
             }
             Output::PointRadius => of_point(|info| info.radius),
             Output::PointRandom => of_point(|info| info.random),
+            Output::IsCameraRay => flag(point.ray.is_camera),
+            Output::IsShadowRay => flag(point.ray.is_shadow),
+            Output::IsDiffuseRay => flag(point.ray.is_diffuse),
+            Output::IsGlossyRay => flag(point.ray.is_glossy),
+            Output::IsSingularRay => flag(point.ray.is_singular),
+            Output::IsReflectionRay => flag(point.ray.is_reflection),
+            Output::IsTransmissionRay => flag(point.ray.is_transmission),
+            Output::IsVolumeScatterRay => flag(point.ray.is_volume_scatter),
+            Output::RayLength => Vec4::splat(point.position.distance(point.ray.origin)),
+            Output::RayDepth => Vec4::splat(point.ray.depth as f32),
+            Output::DiffuseDepth => Vec4::splat(point.ray.diffuse_depth as f32),
+            Output::GlossyDepth => Vec4::splat(point.ray.glossy_depth as f32),
+            Output::TransmissionDepth => Vec4::splat(point.ray.transmission_depth as f32),
+            Output::TransparentDepth => Vec4::splat(point.ray.transparent_depth as f32),
             _ => self.values[node as usize],
         }
     }

@@ -129,7 +129,7 @@ impl ShadingContext<'_> {
     /// as in Cycles.
     fn coverage(&self) -> f32 {
         match &self.point.strand {
-            Some(strand) if self.point.is_seen => 0.5 * self.point.footprint / strand.radius,
+            Some(strand) if self.point.ray.is_camera => 0.5 * self.point.footprint / strand.radius,
             _ => 1.0,
         }
     }

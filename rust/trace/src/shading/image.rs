@@ -6,6 +6,7 @@ use glam::{Vec2, Vec3, Vec4};
 use relume_scene::{Extension, ImageProjection, Interpolation, Tile};
 
 use super::evaluate::ShadingContext;
+use super::texture::equirectangular;
 
 /// Tiles in a row of an image.
 const TILES_A_ROW: i32 = 10;
@@ -33,6 +34,10 @@ impl Image<'_> {
             ImageProjection::Flat => self.at(context, at.truncate()),
             ImageProjection::Sphere => self.at(context, on_sphere(at * 2.0 - 1.0)),
             ImageProjection::Tube => self.at(context, on_tube(at * 2.0 - 1.0)),
+            ImageProjection::Equirectangular => {
+                self.at(context, equirectangular(at.normalize_or_zero()).into())
+            }
+            ImageProjection::MirrorBall => self.at(context, on_mirror_ball(at.normalize_or_zero())),
             ImageProjection::Box { blend } => {
                 let normal =
                     context.prepared.object_normal(context.point.instance, context.point.shading_normal);
@@ -122,6 +127,15 @@ fn on_tube(at: Vec3) -> Vec2 {
     Vec2::new(0.5 - at.x.atan2(at.y) / TAU, 0.5 * (at.z + 1.0))
 }
 
+/// Place on the picture of a mirroring ball at which a direction is seen: there the ball's normal is halfway between it and
+/// the viewer.
+fn on_mirror_ball(direction: Vec3) -> Vec2 {
+    let halfway = direction - Vec3::Y;
+    let scale = 2.0 * (-0.5 * halfway.y).max(0.0).sqrt();
+    let normal = if scale > 0.0 { halfway / scale } else { halfway };
+    Vec2::new(normal.x + 1.0, normal.z + 1.0) * 0.5
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,5 +179,15 @@ mod tests {
         assert!((on_sphere(Vec3::X) - Vec2::new(0.25, 0.5)).length() < 1e-6);
         assert_eq!(on_sphere(Vec3::Z * 3.0), Vec2::new(0.0, 1.0));
         assert!((on_tube(Vec3::new(0.0, -2.0, 0.5)).y - 0.75).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_mirror_ball_shows_its_front_in_the_middle() {
+        assert!((on_mirror_ball(-Vec3::Y) - Vec2::splat(0.5)).length() < 1e-6);
+        let aside = on_mirror_ball(Vec3::X);
+        assert!(
+            (aside - Vec2::new(0.5 + 0.5 * std::f32::consts::FRAC_1_SQRT_2, 0.5)).length() < 1e-6,
+            "{aside}"
+        );
     }
 }

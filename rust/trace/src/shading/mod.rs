@@ -29,7 +29,7 @@ mod volumes;
 pub(crate) use color::luminance;
 pub use constant::constant_emission;
 pub(crate) use point::MediumPoint;
-pub use point::{Hit, StrandPoint, SurfacePoint};
+pub use point::{Hit, RayInfo, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;
 pub use strands::{PointInfo, StrandInfo};
 pub(crate) use texture::equirectangular;

@@ -61,7 +61,7 @@ impl MediumPoint {
             ray_length: 0.0,
             footprint: 0.0,
             strand: None,
-            is_seen: false,
+            ray: RayInfo::default(),
         }
     }
 }
@@ -103,8 +103,82 @@ pub struct SurfacePoint {
     pub footprint: f32,
     /// Place on a strand; nothing on other geometry.
     pub strand: Option<StrandPoint>,
-    /// True if a ray of the camera met it, through transparent surfaces or none.
-    pub is_seen: bool,
+    /// The ray that met it.
+    pub ray: RayInfo,
+}
+
+/// Facts about the ray that met a point, as the node Light Path tells them (Cycles' `kernel/svm/light_path.h`). By default those of
+/// no ray at all: light of an emitter is evaluated for every kind alike.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RayInfo {
+    /// A ray of the camera, through transparent surfaces or none.
+    pub is_camera: bool,
+    /// A ray from a vertex straight to a light.
+    pub is_shadow: bool,
+    /// Left a diffuse closure, on either side.
+    pub is_diffuse: bool,
+    /// Left a glossy closure, on either side, singular ones included.
+    pub is_glossy: bool,
+    /// Left a mirror or clear glass.
+    pub is_singular: bool,
+    /// Was reflected.
+    pub is_reflection: bool,
+    /// Was transmitted.
+    pub is_transmission: bool,
+    /// Left a medium.
+    pub is_volume_scatter: bool,
+    /// Place from which its length counts, world space.
+    pub origin: Vec3,
+    /// Bounces before the point.
+    pub depth: u32,
+    /// Diffuse reflections before the point.
+    pub diffuse_depth: u32,
+    /// Glossy reflections before the point.
+    pub glossy_depth: u32,
+    /// Transmissions before the point.
+    pub transmission_depth: u32,
+    /// Transparent surfaces before the point.
+    pub transparent_depth: u32,
+}
+
+impl RayInfo {
+    /// A ray of all kinds at once.
+    pub(crate) const OF_ALL_KINDS: Self = Self {
+        is_camera: true,
+        is_shadow: true,
+        is_diffuse: true,
+        is_glossy: true,
+        is_singular: true,
+        is_reflection: true,
+        is_transmission: true,
+        is_volume_scatter: true,
+        origin: Vec3::ZERO,
+        depth: 1,
+        diffuse_depth: 1,
+        glossy_depth: 1,
+        transmission_depth: 1,
+        transparent_depth: 1,
+    };
+
+    /// A ray straight to a light from a vertex that this ray met, at `origin`.
+    pub fn shadow_from(&self, origin: Vec3) -> Self {
+        Self { is_shadow: true, ..self.to_emitter(origin) }
+    }
+
+    /// What an emitter sees of a ray to it from a vertex that this ray met, at `origin`.
+    pub fn to_emitter(&self, origin: Vec3) -> Self {
+        let Self { depth, diffuse_depth, glossy_depth, transmission_depth, transparent_depth, .. } = *self;
+        let depth = depth + 1;
+        Self {
+            origin,
+            depth,
+            diffuse_depth,
+            glossy_depth,
+            transmission_depth,
+            transparent_depth,
+            ..Self::default()
+        }
+    }
 }
 
 impl SurfacePoint {

@@ -10,7 +10,7 @@ use super::graph::{Graph, Names};
 use super::tangents::{corner_tangents, spherical_coords};
 use super::texture::{PreparedTexture, equirectangular};
 use super::volumes::shade_medium;
-use super::{Hit, MediumPoint, StrandPoint, SurfacePoint};
+use super::{Hit, MediumPoint, RayInfo, StrandPoint, SurfacePoint};
 use crate::bsdf::{Scatter, Surface};
 use crate::media::MediumSample;
 
@@ -162,7 +162,7 @@ impl PreparedMaterials {
             ray_length: hit.distance,
             footprint,
             strand,
-            is_seen: false,
+            ray: RayInfo { origin, ..RayInfo::default() },
         }
     }
 

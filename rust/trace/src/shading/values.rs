@@ -54,7 +54,21 @@ pub fn component(value: Vec4, output: Output) -> Option<f32> {
         | Output::Thickness
         | Output::StrandRandom
         | Output::PointRadius
-        | Output::PointRandom => Some(value.x),
+        | Output::PointRandom
+        | Output::IsCameraRay
+        | Output::IsShadowRay
+        | Output::IsDiffuseRay
+        | Output::IsGlossyRay
+        | Output::IsSingularRay
+        | Output::IsReflectionRay
+        | Output::IsTransmissionRay
+        | Output::IsVolumeScatterRay
+        | Output::RayLength
+        | Output::RayDepth
+        | Output::DiffuseDepth
+        | Output::GlossyDepth
+        | Output::TransparentDepth
+        | Output::TransmissionDepth => Some(value.x),
         Output::Facing | Output::Y => Some(value.y),
         Output::Z => Some(value.z),
         Output::Alpha | Output::W | Output::Factor | Output::Distance | Output::Radius => Some(value.w),

@@ -9,6 +9,7 @@ mod furnace;
 mod lights;
 mod limits;
 mod media;
+mod shadow_rays;
 mod subsurface;
 mod support;
 mod surfaces;

@@ -12,12 +12,12 @@ use crate::support::*;
 const ISOTROPIC: PhaseFunction = PhaseFunction::HenyeyGreenstein { anisotropy: Input::Float(0.0) };
 
 /// A medium without a surface.
-fn medium(nodes: Vec<Node>) -> Material {
+pub fn medium(nodes: Vec<Node>) -> Material {
     let volume = Some(nodes.len() as u32 - 1);
-    Material { name: "fog".into(), nodes, surface: None, volume }
+    Material { name: "fog".into(), nodes, surface: None, volume, ..Material::default() }
 }
 
-fn coefficients(scatter: [f32; 3], absorption: [f32; 3]) -> Node {
+pub fn coefficients(scatter: [f32; 3], absorption: [f32; 3]) -> Node {
     let [scatter, absorption] = [scatter, absorption].map(Input::Rgb);
     Node::VolumeCoefficients { absorption, scatter, emission: Input::Float(0.0), phase: ISOTROPIC }
 }
@@ -366,7 +366,7 @@ fn paths_that_leave_the_recorded_box_come_back_with_all_they_carry() {
 }
 
 /// Light of a sphere of radiance 1 that a path collects, the camera's own ray apart.
-fn crossed(path: &Path, center: Vec3, radius: f32) -> Vec3 {
+pub fn crossed(path: &Path, center: Vec3, radius: f32) -> Vec3 {
     let mut origin = path.start.unwrap();
     let mut sum = Vec3::ZERO;
     for segment in &path.segments {
