@@ -6,6 +6,8 @@ they ask for is not in the picture, and a warning says so. REFUSED: an error say
 change no picture of Relume.
 """
 
+from fnmatch import fnmatchcase
+
 READ, NAMED, REFUSED = "read", "named", "refused"
 VIEWS = "only for views and editors"
 NOISE = "changes noise and speed, not what the picture converges to"
@@ -188,8 +190,7 @@ TABLE = {
     },
     "Image": {
         READ: "filepath filepath_raw source packed_file packed_files generated_* use_generated_float pixels "
-        "colorspace_settings alpha_mode use_view_as_render",
-        NAMED: "tiles",
+        "colorspace_settings alpha_mode use_view_as_render tiles",
         VIEWS: "display_aspect render_slots resolution seam_margin",
         OUTPUT: "file_format views_format",
         "of movies and stereo pictures": "use_deinterlace use_multiview stereo_3d_format",
@@ -218,3 +219,10 @@ TABLE = {
         "the sequencer's": "sequencer_colorspace_settings",
     },
 }
+
+
+def decision_on(structure, prop):
+    """What becomes of a property of a structure; None if nobody has decided. A whole name goes before a pattern."""
+    by_name = {pattern: fate for fate, patterns in TABLE[structure].items() for pattern in patterns.split()}
+    matching = (fate for pattern, fate in by_name.items() if fnmatchcase(prop, pattern))
+    return by_name.get(prop) or next(matching, None)

@@ -4,18 +4,39 @@ theirs with up to four numbers. Looked up as in Blender's `BKE_object_dupli_find
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, TypeAlias
 
 import bpy
+from mathutils import Matrix
 
 Rgba: TypeAlias = tuple[float, float, float, float]
 
 OF_INSTANCER = {"generated": "\tgenerated of instancer", "uv": "\tUV of instancer"}
 """Names of an instance's coordinates on its instancer."""
 OF_ARRAY = re.compile(r"\[\d+\]$")
+MATRIX, MATRIX_INVERSE = "\tworld from object ", "\tobject from world "
+"""How the names of the rows of an instance's transform and its inverse begin: the axis follows."""
 NO_VALUE: Rgba = (0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What materials ask of all that is around the objects."""
+
+    value_of_layer: Callable[[str], Rgba] = lambda _name: NO_VALUE
+    """Finds an attribute of the view layer, or else of its scene or world."""
+    world_from_camera: Matrix = field(default_factory=Matrix)
+    """Transform of Cycles' camera, which has no scale and looks along +z."""
+
+
+def surroundings_of(depsgraph: bpy.types.Depsgraph, camera: bpy.types.Object) -> Surroundings:
+    """Surroundings of what a depsgraph renders with a camera."""
+    scene, layer = depsgraph.scene_eval, depsgraph.view_layer_eval
+    world_from_camera = camera.matrix_world.normalized() @ Matrix.Diagonal((1.0, 1.0, -1.0, 1.0))
+    return Surroundings(lambda name: value_of_layer(scene, layer, name), world_from_camera)
 
 
 def object_name(kind: str, name: str) -> str:
@@ -41,9 +62,15 @@ def value_of_layer(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, name: str
 def _value(instance: bpy.types.DepsgraphObjectInstance, name: str) -> Rgba:
     if name == OF_INSTANCER["generated"]:
         # Cycles' own scale of what Blender gives.
-        return (*(0.5 * value - 0.5 for value in instance.orco), 1.0) if instance.is_instance else NO_VALUE
+        x, y, z = [0.5 * value - 0.5 for value in instance.orco] if instance.is_instance else [0.0] * 3
+        return x, y, z, 1.0
     if name == OF_INSTANCER["uv"]:
-        return (*instance.uv, 0.0, 1.0) if instance.is_instance else NO_VALUE
+        u, v = list(instance.uv) if instance.is_instance else [0.0] * 2
+        return u, v, 0.0, 1.0
+    if name.startswith((MATRIX, MATRIX_INVERSE)):
+        matrix = instance.matrix_world if name.startswith(MATRIX) else instance.matrix_world.inverted_safe()
+        row = matrix["xyz".index(name[-1])]
+        return row[0], row[1], row[2], row[3]
     _, kind, asked = name.split("\t", 2)
     return _first(_owners(instance, kind == "INSTANCER"), asked)
 
@@ -79,8 +106,8 @@ def find_rgba(owner: Any, name: str) -> Rgba | None:
         return None
     if not numbers or not all(type(number) in {int, float} for number in numbers):
         return None
-    red, green, blue, alpha = [*numbers, *(0.0, 0.0, 0.0, 1.0)[len(numbers) :]]
-    return red, green, blue, alpha
+    filled = numbers + [0.0, 0.0, 0.0, 1.0][len(numbers) :]
+    return filled[0], filled[1], filled[2], filled[3]
 
 
 def _finite(value: Rgba) -> Rgba:

@@ -20,7 +20,7 @@ from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
-from .object_attributes import asks_instancer, value_of_layer, values_of_instance
+from .object_attributes import asks_instancer, surroundings_of, values_of_instance
 from .points import PointsExporter
 from .volumes import VolumeExporter, density_factor, smoke_domain
 from .world import Space, WorldRenderError, export_world, world_of
@@ -134,11 +134,7 @@ class _SceneExporter:
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
         self.images = ImageExporter(builder, depsgraph.scene.frame_current, convert_image)
-        self.materials = MaterialExporter(
-            builder,
-            self.images,
-            lambda name: value_of_layer(depsgraph.scene_eval, depsgraph.view_layer_eval, name),
-        )
+        self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(
             lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking, builder.constant_emission

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-from mathutils import Matrix
 
 from .graph import Source
 from .translation import Translation
@@ -31,17 +30,6 @@ def texture_vector(t: Translation, source: Source, implied: dict[str, Any]) -> A
     if vector is None:
         vector = {"node": t.emit(implied), "output": "vector"}
     return _mapped(t, vector, node.texture_mapping)
-
-
-def transformed(t: Translation, vector: Any, matrix: Matrix) -> Any:
-    """A vector, as a place, moved by a matrix."""
-    components = {}
-    for axis, row in zip("xyz", matrix, strict=False):
-        product = {"operation": "DOT_PRODUCT", "a": vector, "b": list(row[:3]), "c": [0.0] * 3, "scale": 1.0}
-        along = {"node": t.emit({"type": "vector_math", **product}), "output": "value"}
-        moved = {"operation": "ADD", "clamp": False, "a": along, "b": row[3], "c": 0.0}
-        components[axis] = {"node": t.emit({"type": "math", **moved}), "output": "value"}
-    return {"node": t.emit({"type": "combine_xyz", **components}), "output": "vector"}
 
 
 def _axes(mapping: bpy.types.TexMapping) -> tuple[str, str, str]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import bpy
 
 from ..images import ImageExporter
-from ..object_attributes import NO_VALUE, Rgba
+from ..object_attributes import Surroundings
 from .closures import CLOSURES, FALLBACK_CLOSURES
 from .graph import used_tree
 from .hair import HAIR_CLOSURES, HAIR_VALUES
@@ -35,8 +35,8 @@ FINE_STEPS = 0.1
 class MaterialExporter:
     """Exports each material once and remembers its number."""
 
-    def __init__(self, builder: Any, images: ImageExporter, value_of_layer: Callable[[str], Rgba] = lambda _: NO_VALUE):
-        """Exports to a builder of a scene. `value_of_layer` finds attributes of the view layer."""
+    def __init__(self, builder: Any, images: ImageExporter, surroundings: Surroundings | None = None):
+        """Exports to a builder of a scene."""
         self.builder = builder
         self.images = images
         self.numbers: dict[str | None, int] = {}
@@ -49,7 +49,7 @@ class MaterialExporter:
         material's number."""
         self.of_objects: dict[int, set[str]] = {}
         """Names that a material asks each instance for, by the material's number; only where there are any."""
-        self.value_of_layer = value_of_layer
+        self.surroundings = surroundings or Surroundings()
 
     def number(self, material: bpy.types.Material | None, object_name: str) -> int:
         """Number of a material; None is Cycles' grey default. `object_name` is for messages."""
@@ -88,7 +88,7 @@ class MaterialExporter:
             return None
 
     def _translation(self, material: bpy.types.Material | None, object_name: str) -> Translation:
-        return Translation(self.builder, self.images, TABLES, material, object_name, self.value_of_layer)
+        return Translation(self.builder, self.images, TABLES, material, object_name, self.surroundings)
 
     def _export(self, material: bpy.types.Material | None, object_name: str) -> int:
         translation = self._translation(material, object_name)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import bpy
 
 from ..images import ImageExporter
-from ..object_attributes import NO_VALUE, Rgba
+from ..object_attributes import Surroundings
 from .graph import (
     CONVERTING,
     IS_INLINED,
@@ -87,14 +87,13 @@ class Translation:
         tables: NodeTables,
         material: bpy.types.Material | None,
         object_name: str,
-        value_of_layer: Callable[[str], Rgba] = lambda _name: NO_VALUE,
+        surroundings: Surroundings,
     ):
-        """Translates one material; messages name the object that shows it. `value_of_layer` finds attributes of the
-        view layer."""
+        """Translates one material; messages name the object that shows it."""
         self.builder = builder
         self.tables = tables
         self.images = images
-        self.value_of_layer = value_of_layer
+        self.surroundings = surroundings
         self.material = material
         self.title = material.name if material else "Default"
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
@@ -122,7 +121,13 @@ class Translation:
         volume = self.volume(tree)
         if volume and surface is None and self._has_surface(tree):
             surface = self.emit(NOTHING)  # Black, where rays would pass without any.
-        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **sampling_settings(self.material)}
+        return {
+            "name": self.title,
+            "nodes": self.nodes,
+            "surface": surface,
+            **volume,
+            **sampling_settings(self.material),
+        }
 
     def _has_surface(self, tree: bpy.types.NodeTree | None) -> bool:
         output = surface_socket(tree) if tree is not None else None
@@ -320,9 +325,17 @@ class Translation:
             return neutral
         return translate(self, source)
 
-    def value_once(self, source: Source, compute: Callable[[], Any]) -> Any:
-        """Value of a node, computed the first time: its inputs lead to all that is before it."""
-        key: Key = (*_key(source), "value")
+    def of_object(self, source: Source, name: str, output: str) -> Any:
+        """A value that each instance of an object has as a whole, by its name in `object_attributes`."""
+        if self.in_medium:
+            self.warn(f"node '{source.node.name}': values of objects are not known within volumes; taken as 0")
+            return 0.0 if output == "alpha" else [0.0] * 3
+        self.of_objects.add(name)
+        return {"node": self.once(source, lambda: {"type": "attribute", "name": name}, name), "output": output}
+
+    def value_once(self, source: Source, compute: Callable[[], Any], part: str = "") -> Any:
+        """Value of a node, or of a part of it, computed the first time: its inputs lead to all that is before it."""
+        key: Key = (*_key(source), f"value {part}")
         if key not in self.done:
             self.done[key] = compute()
         return self.done[key]

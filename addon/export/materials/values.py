@@ -8,11 +8,12 @@ from typing import Any
 import bpy
 
 from ..object_attributes import OF_INSTANCER, object_name
-from .coordinates import texture_vector, transformed
+from .coordinates import texture_vector
 from .graph import IS_INLINED, Source, convert
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
 from .translation import TranslateValue, Translation
+from .vectors import VECTOR_VALUES, transformed
 
 Field = tuple[str, str | int, Any]
 
@@ -70,6 +71,26 @@ def _image_texture(t: Translation, source: Source) -> Any:
     return {"node": t.once(source, description), "output": output}
 
 
+def _environment_texture(t: Translation, source: Source) -> Any:
+    """An image over all directions, where a material looks it up."""
+    node, user = source.node, f"{t.owner}, node '{source.node.name}'"
+
+    def description() -> dict[str, Any]:
+        vector = texture_vector(t, source, {"type": "geometry"})
+        if vector is None:
+            vector = {"node": t.emit({"type": "geometry"}), "output": "position"}
+        return {
+            "type": "image_texture",
+            **_shown(t, node, user),
+            "vector": vector,
+            "interpolation": INTERPOLATION.get(node.interpolation, "linear"),
+            "extension": "repeat",
+            "projection": node.projection.lower(),
+        }
+
+    return {"node": t.once(source, description), "output": "color"}
+
+
 def _shown(t: Translation, node: bpy.types.Node, user: str) -> dict[str, Any]:
     """The image of a node, or its tiles and what is shown outside of them."""
     if node.image is None:
@@ -89,7 +110,7 @@ def _projection(node: bpy.types.Node) -> dict[str, Any]:
 def _texture_coordinate(t: Translation, source: Source) -> Any:
     node, kind = source.node, source.socket.identifier.lower()
     if node.from_instancer and kind in OF_INSTANCER:
-        return _of_object(t, source, OF_INSTANCER[kind], "vector")
+        return t.of_object(source, OF_INSTANCER[kind], "vector")
     if node.object is not None and kind == "object":
         position = {"node": t.once(source, lambda: {"type": "geometry"}, "position"), "output": "position"}
         return t.value_once(source, lambda: transformed(t, position, node.object.matrix_world.inverted_safe()))
@@ -99,19 +120,10 @@ def _texture_coordinate(t: Translation, source: Source) -> Any:
 def _uv_map(t: Translation, source: Source) -> Any:
     """A UV map by its name may be an attribute of any kind."""
     if source.node.from_instancer:
-        return _of_object(t, source, OF_INSTANCER["uv"], "vector")
+        return t.of_object(source, OF_INSTANCER["uv"], "vector")
     name = attribute_name(source.node)
     node = {"type": "attribute", "name": name} if name else {"type": "uv_map", "name": ""}
     return {"node": t.once(source, lambda: node), "output": "vector"}
-
-
-def _of_object(t: Translation, source: Source, name: str, output: str) -> Any:
-    """A value that each instance of an object has as a whole."""
-    if t.in_medium:
-        t.warn(f"node '{source.node.name}': values of objects are not known within volumes; taken as 0")
-        return 0.0 if output == "alpha" else [0.0] * 3
-    t.of_objects.add(name)
-    return {"node": t.once(source, lambda: {"type": "attribute", "name": name}, name), "output": output}
 
 
 def _mix(t: Translation, source: Source) -> Any:
@@ -346,9 +358,9 @@ def _attribute_of_object(t: Translation, source: Source, kind: str, output: str)
     if not name:
         return 1.0 if output == "Alpha" else [0.0] * 3
     if kind == "VIEW_LAYER":
-        *color, alpha = t.value_of_layer(name)
+        *color, alpha = t.surroundings.value_of_layer(name)
         return alpha if output == "Alpha" else sum(color) / 3.0 if output == "Fac" else color
-    link = _of_object(t, source, object_name(kind, name), output.lower())
+    link = t.of_object(source, object_name(kind, name), output.lower())
     if output != "Fac" or not isinstance(link, dict):
         return link
     return _mean(t, source, {**link, "output": "vector"}, "mean")
@@ -474,7 +486,9 @@ def _first_input(feature: str) -> TranslateValue:
 
 VALUES: dict[str, TranslateValue] = {
     "ShaderNodeTexImage": _image_texture,
+    "ShaderNodeTexEnvironment": _environment_texture,
     **TEXTURES,
+    **VECTOR_VALUES,
     "ShaderNodeTexCoord": _texture_coordinate,
     "ShaderNodeUVMap": _uv_map,
     "ShaderNodeMapping": _simple(
