@@ -24,8 +24,7 @@ SAME = "another unit or name of a property that is read"
 STAMP = "words burnt into the picture's file"
 
 LIGHT = {
-    READ: "color node_tree use_nodes cycles use_temperature temperature exposure normalize energy type",
-    NAMED: "use_shadow",
+    READ: "color node_tree use_nodes cycles use_temperature temperature exposure normalize energy type use_shadow",
     EEVEE: "specular_factor diffuse_factor transmission_factor volume_factor use_custom_distance cutoff_distance "
     "shadow_buffer* shadow_color use_contact_shadow contact_shadow* shadow_filter_radius shadow_maximum_resolution "
     "use_shadow_jitter shadow_jitter_overblur use_absolute_resolution shadow_cascade*",
@@ -132,7 +131,7 @@ TABLE = {
     "SpotLight": LIGHT,
     "AreaLight": LIGHT,
     "SunLight": LIGHT,
-    "CyclesLightSettings": {READ: "is_portal", NAMED: "max_bounces use_multiple_importance_sampling is_caustics_light"},
+    "CyclesLightSettings": {READ: "is_portal max_bounces use_multiple_importance_sampling", NAMED: "is_caustics_light"},
     "Volume": {
         READ: "filepath packed_file grids is_sequence frame_* sequence_mode render materials",
         BLUR: "velocity_*",

@@ -399,9 +399,9 @@ def test_files_that_would_not_be_written_are_refused_first(shot, tmp_path, monke
 
 def test_what_is_said_of_many_lamps_is_said_once(shot, tmp_path, capsys):
     for number in range(5):
-        add_light(shot, "POINT", name=f"Lamp {number}", use_shadow=False)
+        add_light(shot, "POINT", name=f"Lamp {number}").data.cycles.is_caustics_light = True
     assert run(["bake", "--out", str(tmp_path / "bake"), "--samples", "1", "--json"]) == 0
-    (said,) = [message for message in warnings(capsys) if "without shadow" in message]
+    (said,) = [message for message in warnings(capsys) if "shadow caustics" in message]
     assert all(name in said for name in ("'Lamp 0'", "'Lamp 1'", "and 1 more"))
 
 

@@ -64,12 +64,13 @@ def test_linked_lights_shine_and_what_cannot_be_written_is_said(shot):
     key = bpy.data.objects["Key"]
     key.light_linking.receiver_collection = bpy.data.collections.new("Receivers")
     key.light_linking.receiver_collection.objects.link(bpy.data.objects["Plane"])
-    fill = add_light(bpy.context.scene, "POINT", name="Fill", shadow_soft_size=0.1, use_shadow=False).data
+    fill = add_light(bpy.context.scene, "POINT", name="Fill", shadow_soft_size=0.1).data
+    fill.cycles.is_caustics_light = True
     fill.energy = 0.0
     fill.driver_add("energy")
     bpy.ops.wm.save_as_mainfile(filepath=str(shot[0]))
     says = (
-        "Warning: light 'Fill': a light without shadow",
+        "Warning: light 'Fill': shadow caustics",
         "Warning: light 'Fill' has a driver on its energy: that stays",
     )
     key = solved(shot, "--free", "strength", says=says)["Key"]

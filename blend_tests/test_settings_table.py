@@ -112,8 +112,6 @@ def holdout(scene):
         (set_object("is_holdout"), "object 'Plane': holdout"),
         (set_object("is_shadow_catcher"), "object 'Plane': shadow catcher"),
         (holdout, "object 'Plane': holdout"),
-        (set_light("max_bounces", 1), "light 'Lamp'"),
-        (set_light("use_multiple_importance_sampling", False), "light 'Lamp'"),
         (set_light("is_caustics_light", True), "light 'Lamp'"),
     ],
     ids=lambda value: getattr(value, "__name__", None),

@@ -44,6 +44,7 @@ PARTS = {
     ("settings", "override"): "The view layer has another material override",
     ("settings", "volumes"): "The view layer shows volumes, or no longer does",
     ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
+    ("settings", "rules"): "Shadow linking, bounces or Multiple Importance of a light changed",
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
     ("collections", "lacking"): "Objects were hidden or shown by their collection",

@@ -1,5 +1,6 @@
 """Light linking in requests that are kept. A bake counts its objects, and another bake, of another camera or a later
-scene, counts them anew: what is kept therefore names the objects that a light shines on, or those that it does not."""
+scene, counts them anew: what is kept therefore names the objects that a light shines on, or those that it does not, and
+likewise what blocks it."""
 
 from __future__ import annotations
 
@@ -29,8 +30,9 @@ def _linked(request: str, change: Callable[[dict], dict]) -> str:
     content = json.loads(request)
     lights = content.get("lights", ())
     for light in lights["lights"] if isinstance(lights, dict) else lights:  # Of the solver: a light set.
-        if light.get("receivers") is not None:
-            light["receivers"] = change(light["receivers"])
+        for holder, key in ((light, "receivers"), (light.get("rules", {}), "blockers")):
+            if holder.get(key) is not None:
+                holder[key] = change(holder[key])
     return json.dumps(content)
 
 

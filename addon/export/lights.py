@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import bpy
 from mathutils import Vector
 
-from .linking import LightLinking
+from .linking import LightLinking, receiver_names
 from .materials.constants import ConstantEmission, ConstantTranslation, VaryingNodeError
 from .materials.graph import surface_socket, used_tree
 
@@ -125,7 +126,32 @@ def describe_light(
     receivers = linking.receivers(obj)
     if receivers is not None:
         description["receivers"] = {"receivers": receivers}
+    if rules := light_rules(obj, linking.blockers(obj)):
+        description["rules"] = rules
     return description
+
+
+def light_rules(obj: bpy.types.Object, blockers: list[int] | None) -> dict[str, Any]:
+    """JSON form of `LightRules` without what is as usual; `blockers` are those of its shadow linking, None without."""
+    cycles = getattr(obj.data, "cycles", None)
+    rules: dict[str, Any] = {}
+    if cycles is not None and cycles.max_bounces < ALL_BOUNCES:
+        rules["max_bounces"] = cycles.max_bounces
+    if cycles is not None and not cycles.use_multiple_importance_sampling:
+        rules["is_sampled_only"] = True
+    if not obj.data.use_shadow:
+        blockers = []
+    if blockers is not None:
+        rules["blockers"] = {"receivers": blockers}
+    return rules
+
+
+def rules_of_lights(scene: bpy.types.Scene) -> list[str]:
+    """Rules of the lights of a scene that its bakes have to know of, as JSON, each once."""
+    lights = [obj for obj in scene.objects if obj.type == "LIGHT" and not obj.hide_render]
+    linking = LightLinking(receiver_names(scene), lambda _message: None)
+    rules = (light_rules(obj, linking.blockers(obj)) for obj in lights)
+    return sorted({json.dumps(found) for found in rules if found})
 
 
 def _may_be_small(light: bpy.types.Light, world_from_object: Any) -> bool:
@@ -185,19 +211,6 @@ def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
         (
             obj.data.type == "AREA" and obj.data.spread < NARROW_SPREAD,
             "few paths find a spread below 15 degrees; its light is grainy, and missing near 0 degrees",
-        ),
-        (not obj.data.use_shadow, "a light without shadow is not supported; it casts shadows"),
-        (
-            obj.light_linking.blocker_collection is not None,
-            "shadow linking is not supported; every object blocks it",
-        ),
-        (
-            cycles is not None and cycles.max_bounces < ALL_BOUNCES,
-            "a limit of its own to bounces is not supported; it has the scene's",
-        ),
-        (
-            cycles is not None and not cycles.use_multiple_importance_sampling,
-            "Multiple Importance counts as on: it is seen in mirrors, where Cycles shows none",
         ),
         (
             cycles is not None and cycles.is_caustics_light,

@@ -1,4 +1,4 @@
-"""Light linking: which objects a light shines on."""
+"""Light linking: which objects a light shines on, and which block it."""
 
 from __future__ import annotations
 
@@ -50,23 +50,29 @@ class LightLinking:
 
     def receivers(self, light: bpy.types.Object) -> list[int] | None:
         """Sorted receiver numbers of a light; None if it shines on everything."""
-        collection = light.light_linking.receiver_collection
+        return self._numbers_in(light, light.light_linking.receiver_collection)
+
+    def blockers(self, light: bpy.types.Object) -> list[int] | None:
+        """Sorted receiver numbers of the only objects that block a light; None if everything does."""
+        return self._numbers_in(light, light.light_linking.blocker_collection)
+
+    def _numbers_in(self, light: bpy.types.Object, collection: bpy.types.Collection | None) -> list[int] | None:
         if collection is None:
             return None
         states = _link_states(collection.original)
         if len(self.objects) > RECEIVER_LIMIT:
             self.warn(
                 f"light '{light.name}': light linking is exact for the first {RECEIVER_LIMIT} objects only; "
-                "the others are lit together"
+                "the others count as one"
             )
-        # Without any included object, everything that is not excluded is lit.
+        # Without any included object, everything that is not excluded counts.
         exclude_only = "INCLUDE" not in states.values()
-        lit = (
+        counted = (
             number
             for number, name in enumerate(self.objects)
             if states.get(name, "INCLUDE" if exclude_only else "EXCLUDE") == "INCLUDE"
         )
-        return numbers_of(lit)
+        return numbers_of(counted)
 
 
 def _link_states(collection: bpy.types.Collection) -> dict[str, str]:

@@ -16,6 +16,8 @@ struct Environment {
     // Rows of the map that are here; others are black.
     first_row: u32,
     end_row: u32,
+    // First receiver of segments that only some lights count along.
+    first_linked: u32,
 }
 
 @group(0) @binding(0) var<storage, read> environment: Environment;
@@ -71,7 +73,8 @@ fn visit_part(part: Part, lane: u32) {
 fn sees_world(z_flags: u32) -> bool {
     let lobe = lobe_code(z_flags);
     let hidden = lobe == CAMERA && environment.visible_camera == 0u;
-    return (z_flags & ESCAPED) != 0u && lobe < LOBES && !hidden;
+    let is_linked = receiver(z_flags) >= environment.first_linked;
+    return (z_flags & ESCAPED) != 0u && lobe < LOBES && !hidden && !is_linked;
 }
 
 fn radiance(direction: vec3f) -> vec3f {

@@ -55,7 +55,8 @@ class _Entry:
 
     def is_same(self, other: _Entry) -> bool:
         """True if reading both entries gives the same. Members of light linking's collections are not compared."""
-        is_linked = self.description is not None and "receivers" in self.description
+        found: dict[str, Any] = self.description or {}
+        is_linked = "receivers" in found or "blockers" in found.get("rules", {})
         return not is_linked and self._sources() == other._sources()
 
     def _sources(self) -> tuple:

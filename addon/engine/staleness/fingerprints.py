@@ -21,6 +21,7 @@ from ...export.camera import UnsupportedCameraError, camera_json, film_size
 from ...export.curves import hides_hair, strand_shape
 from ...export.images import frame_of, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
+from ...export.lights import rules_of_lights
 from ...export.materials import MaterialExporter, sampling_settings
 from ...export.materials.graph import has_volume, used_tree
 from ...export.object_attributes import find_rgba
@@ -364,7 +365,9 @@ def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Finger
 def _settings(scene: bpy.types.Scene) -> Fingerprint:
     layer = render_layer(scene)
     override = layer.material_override
+    rules = rules_of_lights(scene)
     return {
+        **({"rules": hashed(rules)} if rules else {}),
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
         "volumes": str(layer.use_volumes),

@@ -11,7 +11,7 @@ use obvhs::{
     triangle::Triangle,
 };
 use relume_scene::Scene;
-use relume_trace::bvh::{Ray, SceneBvh};
+use relume_trace::bvh::{Ray, RayKind, SceneBvh};
 use relume_trace::camera::CameraSampler;
 use relume_trace::filter::PixelFilter;
 use relume_trace::sampler::PixelSampler;

@@ -174,7 +174,7 @@ impl Dump {
             .map(|(tile, pass)| format!("tile {tile}, pass {pass} is missing"))
             .collect();
         for shard in self.shards() {
-            let found = shard.problems(self.manifest.receivers.len());
+            let found = shard.problems(self.manifest.receiver_count());
             problems
                 .extend(found.into_iter().map(|problem| format!("{}: {problem}", shard.path().display())));
         }

@@ -22,6 +22,7 @@
 //! Positions are 16-bit coordinates in the shard's bounding box ([`Grid`]), which the metadata holds with the tile, the
 //! samples, and a BLAKE3 checksum of everything.
 
+mod classes;
 mod dump;
 mod error;
 mod manifest;
@@ -32,6 +33,7 @@ mod segment;
 mod shard;
 mod writer;
 
+pub use classes::{SegmentClasses, Sight};
 pub use dump::{AovSums, Aovs, Dump};
 pub use error::DumpError;
 pub use manifest::{FORMAT_VERSION, Manifest, Pass, TileRect};

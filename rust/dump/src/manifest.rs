@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::DumpError;
+use crate::{DumpError, SegmentClasses};
 
 /// Version of the manifest and of the shards; a reader refuses any other.
 pub const FORMAT_VERSION: u32 = 4;
@@ -32,6 +32,9 @@ pub struct Manifest {
     pub camera_position: Option<[f32; 3]>,
     /// Object names by receiver number (light linking); may be empty.
     pub receivers: Vec<String>,
+    /// Classes of segments for lights with rules of their own; absent where no light had any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub classes: Option<SegmentClasses>,
     /// Settings that made the dump: bounces, clamps and so on.
     pub settings: serde_json::Value,
     /// Name of the scene-linear space of all colours.
@@ -100,6 +103,18 @@ impl Manifest {
         TileRect { x, y, width, height }
     }
 
+    /// Number of receiver numbers, classes included; 0 if receivers are not known.
+    pub fn receiver_count(&self) -> usize {
+        self.receivers.len().saturating_mul(self.classes.as_ref().map_or(1, SegmentClasses::count))
+    }
+
+    /// First receiver number of segments that only lights with blockers of their own count along.
+    pub fn first_linked(&self) -> u16 {
+        let linked =
+            |classes: &SegmentClasses| classes.class(crate::Sight::Linked(0), 0) * self.receivers.len();
+        self.classes.as_ref().map_or(crate::RECEIVER_LIMIT, |classes| linked(classes) as u16)
+    }
+
     /// Samples per pixel over all passes.
     pub fn samples(&self) -> u32 {
         self.passes.iter().map(|pass| pass.samples).sum()
@@ -147,7 +162,7 @@ impl Manifest {
         if self.world_color.iter().any(|channel| !channel.is_finite()) {
             return fail("the colour of the world is not finite".into());
         }
-        if self.receivers.len() > usize::from(crate::RECEIVER_LIMIT) {
+        if self.receiver_count() > usize::from(crate::RECEIVER_LIMIT) {
             return fail(format!("more than {} receivers", crate::RECEIVER_LIMIT));
         }
         Ok(())
@@ -165,6 +180,7 @@ impl Manifest {
             ("seed", self.seed == other.seed),
             ("camera", (&self.camera, self.camera_position) == (&other.camera, other.camera_position)),
             ("receiver list", self.receivers == other.receivers),
+            ("rules of lights", self.classes == other.classes),
             ("settings", self.settings == other.settings),
             ("working space", self.working_space == other.working_space),
             ("colour of the world", self.world_color == other.world_color),

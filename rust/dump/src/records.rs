@@ -57,7 +57,8 @@ fn record_fault(record: &SampleRecord, manifest: &Manifest) -> Option<&'static s
     if record.path_start && (record.continues || record.lobe.is_some_and(|lobe| lobe != Lobe::Camera)) {
         return Some("the first segment of a path is not the camera's");
     }
-    let known = manifest.receivers.is_empty() || usize::from(record.receiver) < manifest.receivers.len();
+    let receivers = manifest.receiver_count();
+    let known = receivers == 0 || usize::from(record.receiver) < receivers;
     (record.receiver >= RECEIVER_LIMIT || !known).then_some("a segment has an unknown receiver")
 }
 

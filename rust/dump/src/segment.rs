@@ -40,7 +40,8 @@ pub struct Segment {
     /// Scattering event that made the segment.
     pub lobe: Lobe,
     /// Receiver number of the object that made it (the `receiver` of its instance), also where it goes on through
-    /// transparent surfaces; below [`crate::RECEIVER_LIMIT`], 0 for camera rays.
+    /// transparent surfaces; below [`crate::RECEIVER_LIMIT`], 0 for camera rays; with its class, see
+    /// [`crate::SegmentClasses`].
     pub receiver: u16,
     /// True if it continues the ray of the previous segment straight on, behind a transparent surface or a null collision.
     pub continues: bool,

@@ -89,7 +89,7 @@ impl DumpWriter {
         let sound = match Shard::open(&path) {
             Ok(shard) => {
                 check_membership(&self.manifest, tile, pass, shard.header()).is_ok()
-                    && shard.problems(self.manifest.receivers.len()).is_empty()
+                    && shard.problems(self.manifest.receiver_count()).is_empty()
             }
             Err(DumpError::Damaged { .. }) => false,
             Err(other) => return Err(other),

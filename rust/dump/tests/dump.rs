@@ -23,6 +23,7 @@ fn manifest() -> Manifest {
         camera: serde_json::json!({ "name": "Camera" }),
         camera_position: Some([1.0, 2.0, 3.0]),
         receivers: vec!["Floor".into(), "Ball".into()],
+        classes: None,
         settings: serde_json::json!({ "bounces": 12 }),
         working_space: "Linear Rec.709".into(),
         world_color: [1.0; 3],

@@ -129,7 +129,8 @@ impl Gather {
     }
 
     fn world_tile(&self, tile: usize, environment: &Environment, half: SampleSplit) -> Vec<[f32; 3]> {
-        let mut sums = vec![Vec3::ZERO; self.dump.manifest().tile_rect(tile).pixel_count()];
+        let manifest = self.dump.manifest();
+        let mut sums = vec![Vec3::ZERO; manifest.tile_rect(tile).pixel_count()];
         for shard in self.dump.tile(tile) {
             let (xy, z_flags, throughput) =
                 (shard.position_xy(), shard.position_z_flags(), shard.throughput());
@@ -137,7 +138,8 @@ impl Gather {
                 for record in half.records(shard, pixel) {
                     let flags = Flags((z_flags[record] >> 16) as u16);
                     let hidden = flags.lobe() == Some(Lobe::Camera) && !environment.visible_camera;
-                    if flags.escaped() && !hidden && flags.lobe().is_some() {
+                    let is_linked = flags.receiver() >= manifest.first_linked();
+                    if flags.escaped() && !hidden && !is_linked && flags.lobe().is_some() {
                         let radiance = environment.radiance(decode_direction(xy[record]));
                         *sum += decode_rgb9e5(throughput[record]) * radiance;
                     }

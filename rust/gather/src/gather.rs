@@ -6,6 +6,7 @@ use relume_scene::{Light, LightShape};
 
 use crate::kernel::{self, Isa, KernelWork, Sink};
 use crate::light::PreparedLight;
+use crate::rules::with_rules;
 use crate::{GatherError, SampleSplit};
 
 /// Sums lights over a dump (paper, sections 3.1 and 4.2): for every segment that crosses a light, throughput times
@@ -90,12 +91,12 @@ impl Gather {
         (least < self.floor).then_some(self.floor)
     }
 
-    /// Makes a light ready; once per change of its shape, factors or receivers.
+    /// Makes a light ready; once per change of its shape, factors, receivers or rules.
     ///
     /// # Errors
     /// See [`PreparedLight::new`].
     pub fn prepare(&self, light: &Light) -> Result<PreparedLight, GatherError> {
-        PreparedLight::new(light, self.floor)
+        PreparedLight::new(&with_rules(light, self.dump.manifest()), self.floor)
     }
 
     /// [`Gather::prepare`] for many.

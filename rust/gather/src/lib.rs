@@ -25,6 +25,7 @@ mod light;
 mod piece;
 mod positions;
 mod relight;
+mod rules;
 mod sample_split;
 mod sheared;
 mod soft;

@@ -101,7 +101,7 @@ fn trace(scene: &Scene, samples: u32) -> Dump {
 }
 
 fn lamp(shape: LightShape, lobes: LobeFactors) -> Light {
-    Light { name: "lamp".into(), shape, radiance: [1.0; 3], lobes, receivers: None }
+    Light { name: "lamp".into(), lobes, ..Light::unit(shape) }
 }
 
 fn gathered(dump: Dump, shapes: &[LightShape]) -> Image {

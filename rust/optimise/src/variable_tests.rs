@@ -1,5 +1,4 @@
 use super::*;
-use relume_scene::LobeFactors;
 
 pub(crate) fn lights() -> Vec<Light> {
     let (center, edge_u, edge_v) =
@@ -19,13 +18,7 @@ pub(crate) fn lights() -> Vec<Light> {
         LightShape::Ellipse { center, edge_u, edge_v, spread: std::f32::consts::PI },
         LightShape::Sun { direction: Vec3::new(0.0, 0.6, 0.8), half_angle: 0.1 },
     ]
-    .map(|shape| Light {
-        name: "Lamp".into(),
-        shape,
-        radiance: [100.0, 3.0, 0.5],
-        lobes: LobeFactors::default(),
-        receivers: None,
-    })
+    .map(|shape| Light { name: "Lamp".into(), radiance: [100.0, 3.0, 0.5], ..Light::unit(shape) })
     .into()
 }
 

@@ -9,7 +9,7 @@
 //! | sun of half angle a | `P / (pi sin^2 a)`: irradiance `P` | `P` |
 //! | area of area A | `P / (pi A)`, A with the object's scale | `P / pi` |
 
-use crate::{Light, LightShape, LobeFactors, MOST_RADIANCE, ReceiverSet};
+use crate::{Light, LightRules, LightShape, LobeFactors, MOST_RADIANCE, ReceiverSet};
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
 
@@ -49,6 +49,9 @@ pub struct BlenderLight {
     /// Receivers of light linking.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub receivers: Option<ReceiverSet>,
+    /// Shadow linking, bounces and Multiple Importance.
+    #[serde(default, skip_serializing_if = "LightRules::is_default")]
+    pub rules: LightRules,
 }
 
 /// Settings that differ between Blender's light types. Lengths in metres, angles in radians.
@@ -201,6 +204,7 @@ impl BlenderLight {
             radiance: self.power().map(|power| power * radiance_per_power),
             lobes: self.lobes,
             receivers: self.receivers.clone(),
+            rules: self.rules.clone(),
         };
         // So that NaN, of no power times no end of it, is refused as well.
         if !light.radiance.iter().all(|radiance| radiance.abs() <= MOST_RADIANCE) {

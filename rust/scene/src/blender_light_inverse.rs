@@ -1,4 +1,6 @@
-use crate::{AreaShape, BlenderLight, BlenderLightKind, Light, LightError, LightShape, LobeFactors};
+use crate::{
+    AreaShape, BlenderLight, BlenderLightKind, Light, LightError, LightRules, LightShape, LobeFactors,
+};
 use glam::{Mat3, Quat, Vec3};
 
 /// Relative difference below which values count as equal.
@@ -32,6 +34,7 @@ impl BlenderLight {
         (new.energy, new.color) = self.energy_and_color(wanted);
         new.lobes = light.lobes;
         new.receivers = light.receivers.clone();
+        new.rules = light.rules.clone();
         Ok(new)
     }
 
@@ -69,6 +72,7 @@ impl BlenderLight {
             least_size: crate::MIN_SIZE,
             lobes: LobeFactors::default(),
             receivers: None,
+            rules: LightRules::default(),
         };
         plain.with_light(light)
     }
@@ -228,6 +232,7 @@ mod tests {
             least_size: crate::MIN_SIZE,
             lobes: LobeFactors::default(),
             receivers: None,
+            rules: LightRules::default(),
         })
         .collect()
     }

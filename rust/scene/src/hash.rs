@@ -186,7 +186,7 @@ mod tests {
     use glam::{Affine3A, Vec3};
 
     use super::*;
-    use crate::{DenseGrid, GridInterpolation, GridSet, Light, LightShape, LobeFactors};
+    use crate::{DenseGrid, GridInterpolation, GridSet, Light, LightShape};
 
     fn scene() -> Scene {
         Scene {
@@ -326,10 +326,7 @@ mod tests {
         let mut lit = scene();
         lit.lights.push(Light {
             name: "Point".into(),
-            shape: LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 },
-            radiance: [1.0; 3],
-            lobes: LobeFactors::default(),
-            receivers: None,
+            ..Light::unit(LightShape::Sphere { center: Vec3::ZERO, radius: 1.0 })
         });
         assert_eq!(lit.hash(), scene().hash());
     }

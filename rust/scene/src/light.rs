@@ -16,6 +16,31 @@ pub struct Light {
     /// Objects that receive it (light linking); all if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub receivers: Option<ReceiverSet>,
+    /// Rules of its own.
+    #[serde(default, skip_serializing_if = "LightRules::is_default")]
+    pub rules: LightRules,
+}
+
+/// Rules of a light that not everything blocks, that lights few bounces, or that mirrors do not show. They count in bakes that were
+/// begun with them.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub struct LightRules {
+    /// Most bounces before a dull vertex that it lights (Cycles' *Max Bounces*); none without limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_bounces: Option<u32>,
+    /// True if neither the camera, mirrors nor clear glass show it (Cycles' *Multiple Importance* switched off).
+    pub is_sampled_only: bool,
+    /// The only objects that block it (shadow linking), none for a light without shadow; absent if everything blocks it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blockers: Option<ReceiverSet>,
+}
+
+impl LightRules {
+    /// True for a light without rules of its own.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 impl Light {
@@ -27,6 +52,7 @@ impl Light {
             radiance: [1.0; 3],
             lobes: LobeFactors::default(),
             receivers: None,
+            rules: LightRules::default(),
         }
     }
 }

@@ -15,6 +15,7 @@ use crate::{
     camera::CameraSampler,
     environment::EnvironmentLight,
     guide::{Cones, Guide},
+    light_classes::LightClasses,
     media::{HullCrossing, Media, MediaScratch, PhaseSample, ShadowMedia, TrackingNumbers},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
@@ -69,6 +70,7 @@ pub(crate) struct Integrator<'a> {
     pub lights: Option<StaticLights>,
     pub media: Option<Media>,
     pub shadows: Option<ShadowDifferences>,
+    pub classes: Option<LightClasses>,
     pub settings: PathSettings,
 }
 
@@ -101,6 +103,8 @@ struct Walk {
     last: Option<LastBounce>,
     /// Place among the media of the scene, if it has any.
     route: Option<Route>,
+    /// Number of the set of blockers that alone stop it, if it is a shadow ray of lights with shadow linking.
+    blockers: Option<usize>,
 }
 
 impl Integrator<'_> {
@@ -128,10 +132,12 @@ impl Integrator<'_> {
                 .media
                 .as_ref()
                 .map(|media| Route::new(self.stack_at(media, camera.origin), camera.origin)),
+            blockers: None,
         };
         for vertex_number in 0.. {
             let group = CAMERA_GROUP + 1 + GROUPS_PER_VERTEX * vertex_number;
             let draws = Draws::new(sampler, sample, group);
+            self.record_linked(&mut walk, draws, scratch, sink);
             if let Some(shadows) = &self.shadows
                 && shadows.hides_blockers(walk.ray.kind)
                 && walk.last.is_some()
@@ -209,7 +215,11 @@ impl Integrator<'_> {
             return;
         }
         let left_out = walk.path.left_out.take();
-        let segment = Segment { throughput: segment.throughput * self.settings.film_exposure, ..segment };
+        let segment = Segment {
+            throughput: segment.throughput * self.settings.film_exposure,
+            receiver: segment.receiver + self.class_offset(walk),
+            ..segment
+        };
         let bounds = self.media.as_ref().and_then(Media::recorded);
         if let (Some(bounds), Some(route)) = (bounds, &mut walk.route) {
             route.record_within(bounds, segment, sink);

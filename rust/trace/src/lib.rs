@@ -14,6 +14,7 @@ mod environment;
 pub mod filter;
 mod guide;
 mod integrator;
+mod light_classes;
 mod media;
 mod path;
 mod ray_offset;

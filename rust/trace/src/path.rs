@@ -161,10 +161,20 @@ impl PathState {
         !self.unlit
     }
 
+    /// Bounces before the vertex that the current ray left; 0 for the camera's.
+    pub fn bounces_before(&self) -> u32 {
+        self.bounces.saturating_sub(1)
+    }
+
+    /// Starts the rest of the record at a position, where that of another ray ended elsewhere.
+    pub fn return_to(&mut self, position: Vec3) {
+        self.left_out = Some(End::Vertex(position));
+    }
+
     /// Leaves lights along the rest of the current ray out: another ray recorded them, and the record is at its end.
     pub fn darken(&mut self, position: Vec3) {
         self.unlit = true;
-        self.left_out = Some(End::Vertex(position));
+        self.return_to(position);
     }
 
     /// True if the path is on the first surface after the camera.

@@ -15,6 +15,7 @@ use crate::{
     environment::EnvironmentLight,
     guide::Guide,
     integrator::{Integrator, PathScratch, PathSink, ShadowDifferences},
+    light_classes::{LightClasses, segment_classes},
     media::{Bounds, Media},
     sampler::PixelSampler,
     settings::TraceSettings,
@@ -116,6 +117,10 @@ impl<'a> Tracer<'a> {
         } else {
             None
         };
+        let classes = segment_classes(scene).unwrap_or_else(|warning| {
+            warnings.push(warning);
+            None
+        });
         let media = Media::new(scene, &materials, &guide_targets(scene, settings), &mut warnings);
         let integrator = Integrator {
             scene,
@@ -126,6 +131,7 @@ impl<'a> Tracer<'a> {
             environment,
             lights,
             shadows: ShadowDifferences::new(scene),
+            classes: classes.map(|classes| LightClasses::new(scene, classes)),
             settings: paths,
         };
         let guide = Guide::new(&guide_targets(scene, settings), settings.guiding);
@@ -212,6 +218,7 @@ pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
         camera: serde_json::to_value(camera).unwrap_or_default(),
         camera_position: is_pinhole.then(|| camera.world_from_camera.translation.to_array()),
         receivers: scene.receiver_names(),
+        classes: segment_classes(scene).unwrap_or_default(),
         settings: serde_json::to_value(&settings.paths).unwrap_or_default(),
         working_space: scene.working_space.clone(),
         world_color: world_color(scene, settings),

@@ -312,9 +312,9 @@ impl<'a> Bench<'a> {
         let map = Texture { name: "bench".into(), width: SIZE.0, height: SIZE.1, texels, encoding, alpha };
         let world = World { color: [1.0; 3], texture: Some(0), ..World::default() };
         let environment = Environment::new(&world, &[map])?;
-        let on_gpu = GpuWorld::new(self.gpu, &environment, SIZE.1)?;
-        on_gpu.write(self.gpu, &environment, 0..SIZE.1);
         let manifest = self.cpu.dump().manifest();
+        let on_gpu = GpuWorld::new(self.gpu, manifest, &environment, SIZE.1)?;
+        on_gpu.write(self.gpu, &environment, 0..SIZE.1);
         let image = self.gpu.zeros("image", manifest.width * manifest.height * 3)?;
         let seconds = seconds(self.gpu, || self.on_gpu.add_world(&on_gpu, SampleSplit::All, &image))?;
         let records = self.cpu.dump().record_count() as f64;

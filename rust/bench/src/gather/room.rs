@@ -15,7 +15,7 @@ const SEGMENTS_PER_PATH: usize = 4;
 
 pub fn light(shape: LightShape) -> Light {
     let lobes = LobeFactors::default();
-    Light { name: "bench".into(), shape, radiance: [1.0; 3], lobes, receivers: None }
+    Light { name: "bench".into(), lobes, ..Light::unit(shape) }
 }
 
 /// Lights of the size of lamps in a room of 8 x 8 x 8 m.
@@ -69,6 +69,7 @@ impl Room {
             camera: Default::default(),
             camera_position: Some([0.0; 3]),
             receivers: Vec::new(),
+            classes: None,
             settings: Default::default(),
             working_space: String::new(),
             world_color: [1.0; 3],

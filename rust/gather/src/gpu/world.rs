@@ -2,6 +2,7 @@ use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use relume_dump::Manifest;
 use relume_gpu::{Buffer, Gpu, GpuError};
 use relume_image::Image;
 
@@ -25,11 +26,13 @@ struct GpuEnvironment {
     height: u32,
     first_row: u32,
     end_row: u32,
+    first_linked: u32,
+    padding: [u32; 3],
 }
 
 impl GpuEnvironment {
     /// Arguments with some rows of the map.
-    fn new(environment: &Environment, rows: &Range<usize>) -> Self {
+    fn new(environment: &Environment, rows: &Range<usize>, first_linked: u16) -> Self {
         let column = |column| environment.texture_from_world.col(column).extend(0.0).to_array();
         let (width, height) = environment.map.as_deref().map_or((0, 0), |map| (map.width, map.height));
         Self {
@@ -40,6 +43,8 @@ impl GpuEnvironment {
             height: height as u32,
             first_row: rows.start as u32,
             end_row: rows.end as u32,
+            first_linked: first_linked.into(),
+            padding: [0; 3],
         }
     }
 }
@@ -56,21 +61,32 @@ fn strips(map: Option<&Map>, bytes: u64) -> Vec<Range<usize>> {
 pub struct GpuWorld {
     environment: Buffer<GpuEnvironment>,
     texels: Buffer<Vec3>,
+    /// See [`Manifest::first_linked`].
+    first_linked: u16,
 }
 
 impl GpuWorld {
-    /// Room for a world and so many rows of its map.
+    /// Room for the world of a dump and so many rows of its map.
     ///
     /// # Errors
     /// If there is none, or the device was lost.
-    pub fn new(gpu: &Gpu, environment: &Environment, rows: usize) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        manifest: &Manifest,
+        environment: &Environment,
+        rows: usize,
+    ) -> Result<Self, GpuError> {
         let width = environment.map.as_deref().map_or(0, |map| map.width);
-        Ok(Self { environment: gpu.zeros("world", 1)?, texels: gpu.zeros("map of the world", rows * width)? })
+        Ok(Self {
+            environment: gpu.zeros("world", 1)?,
+            texels: gpu.zeros("map of the world", rows * width)?,
+            first_linked: manifest.first_linked(),
+        })
     }
 
     /// Replaces what is there, once the device has done what was submitted before.
     pub fn write(&self, gpu: &Gpu, environment: &Environment, rows: Range<usize>) {
-        gpu.write(&self.environment, 0, &[GpuEnvironment::new(environment, &rows)]);
+        gpu.write(&self.environment, 0, &[GpuEnvironment::new(environment, &rows, self.first_linked)]);
         if let Some(map) = &environment.map {
             gpu.write(&self.texels, 0, &map.texels[rows.start * map.width..rows.end * map.width]);
         }
@@ -98,7 +114,7 @@ impl GpuGather {
         let image = self.gpu.zeros::<f32>("image of the world", self.image_values())?;
         let bytes = strip_bytes.min(self.gpu.free_memory() / MAP_SHARE);
         let strips = strips(environment.map.as_deref(), bytes);
-        let world = GpuWorld::new(&self.gpu, environment, strips[0].len())?;
+        let world = GpuWorld::new(&self.gpu, manifest, environment, strips[0].len())?;
         for rows in strips {
             world.write(&self.gpu, environment, rows);
             self.add_world(&world, half, &image)?;
@@ -143,7 +159,7 @@ mod tests {
 
     use super::*;
     use crate::Gather;
-    use crate::tests::kernels::random_dump_of;
+    use crate::tests::kernels::{random_classes_of, random_dump_of};
     use crate::tests::{Random, dump, manifest, segment};
 
     const HALVES: [SampleSplit; 3] = [SampleSplit::All, SampleSplit::First, SampleSplit::Second];
@@ -203,6 +219,18 @@ mod tests {
                 assert_eq!(found, on_gpu.world_image(&environment, half).unwrap());
             }
         }
+    }
+
+    #[test]
+    fn segments_of_lights_without_shadow_see_no_world() {
+        let gather = Gather::new(random_classes_of(10, &[40]));
+        let everywhere = Gather::new(random_dump_of(10, &[40]));
+        let environment = Environment::new(&colored(), &[sky(40, 20)]).unwrap();
+        let expected = gather.world_image(&environment, SampleSplit::All);
+        assert!(difference(&everywhere.world_image(&environment, SampleSplit::All), &expected) > 0.1);
+        let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
+        let found = on_gpu.world_image(&environment, SampleSplit::All).unwrap();
+        assert!(difference(&found, &expected) < ROUNDING);
     }
 
     /// Each pixel sees a direction of its own.
@@ -290,7 +318,7 @@ mod tests {
     #[test]
     fn the_environment_has_the_layout_of_its_wgsl_twin() {
         relume_gpu::assert_mirror!(GpuEnvironment as "gather/world", "Environment", {
-            texture_from_world, color, visible_camera, width, height, first_row, end_row,
+            texture_from_world, color, visible_camera, width, height, first_row, end_row, first_linked,
         });
     }
 }

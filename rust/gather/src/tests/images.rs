@@ -3,9 +3,11 @@
 use std::f32::consts::PI;
 
 use glam::{Mat3, Vec3};
-use relume_dump::{End, Lobe, Segment, TileSamples};
+use relume_dump::{End, Lobe, Manifest, Segment, SegmentClasses, Sight, TileSamples};
 use relume_image::Image;
-use relume_scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
+use relume_scene::{
+    Alpha, ColorEncoding, Light, LightRules, LightShape, ReceiverSet, Texels, Texture, World,
+};
 
 use super::{Random, dump, light, manifest, segment};
 use crate::{Environment, Gather, Noise, SampleSplit, relight};
@@ -82,6 +84,62 @@ fn a_constant_world_gives_the_share_of_escaping_paths() {
         let share = [1.0, 0.4, 0.0, 0.0, 0.0][x];
         assert_eq!(hidden.pixel(x, 3), [share, 2.0 * share, 0.0]);
     }
+}
+
+/// Two objects; lights that nothing blocks, that only object 1 blocks, and that light one bounce.
+fn classes() -> Manifest {
+    let classes = SegmentClasses { bounce_limits: vec![1], blockers: vec![vec![], vec![1]] };
+    Manifest { receivers: vec!["A".into(), "B".into()], classes: Some(classes), ..manifest(1, &[1]) }
+}
+
+#[test]
+fn lights_count_along_the_segments_of_their_rules() {
+    let manifest = classes();
+    let known = manifest.classes.clone().unwrap();
+    // Each class has its own throughput, and object 1 has 100 times that of object 0.
+    let of_class = |class: usize| (1 << class) as f32;
+    let dump = dump(manifest, |_, _, samples: &mut TileSamples| {
+        samples.push(segment(End::Vertex(Vec3::ZERO), Lobe::Camera));
+        for (class, object) in (0..known.count()).flat_map(|class| [(class, 0), (class, 1)]) {
+            let back = Segment { throughput: Vec3::ZERO, ..segment(End::Vertex(Vec3::ZERO), Lobe::Diffuse) };
+            let throughput = Vec3::splat(of_class(class) * [1.0, 256.0][object]);
+            let receiver = (object + 2 * class) as u16;
+            let crossing = segment(End::Escape(Vec3::Z), Lobe::Diffuse);
+            samples.push(Segment { throughput, receiver, ..crossing });
+            samples.push(back);
+        }
+    });
+    let gather = Gather::new(dump);
+    let sum = |classes: &[(Sight, u32)]| -> f32 {
+        classes.iter().map(|&(sight, bounces)| of_class(known.class(sight, bounces))).sum()
+    };
+    let found = |rules: LightRules, receivers: Option<Vec<u16>>| {
+        let receivers = receivers.map(|receivers| ReceiverSet { receivers });
+        let lamp = light(LightShape::Sphere { center: Vec3::Z * 3.0, radius: 0.5 });
+        let prepared = gather.prepare(&Light { rules, receivers, ..lamp }).unwrap();
+        gather.unit_images(&[prepared], SampleSplit::All)[0].data[0]
+    };
+    let (near, far) = (1, 2);
+    let singular = [(Sight::Singular, near), (Sight::Singular, far)];
+    let shadow = [(Sight::Shadow, near), (Sight::Shadow, far)];
+    let linked = |set| [(Sight::Linked(set), near), (Sight::Linked(set), far)];
+    let blockers = |receivers| Some(ReceiverSet { receivers });
+    let usual = LightRules::default();
+    let ordinary = sum(&shadow) + sum(&singular);
+    assert_eq!(found(usual.clone(), Some(vec![0])), ordinary);
+    assert_eq!(found(usual.clone(), None), 257.0 * ordinary);
+    assert_eq!(found(LightRules { is_sampled_only: true, ..usual.clone() }, Some(vec![0])), sum(&shadow));
+    let few = LightRules { max_bounces: Some(1), ..usual.clone() };
+    assert_eq!(found(few, Some(vec![0])), sum(&shadow[..1]) + sum(&singular));
+    for (set, receivers) in [(0, vec![]), (1, vec![1])] {
+        let rules = LightRules { blockers: blockers(receivers), ..usual.clone() };
+        assert_eq!(found(rules, Some(vec![0])), sum(&linked(set)) + sum(&singular));
+    }
+    let unknown = LightRules { blockers: blockers(vec![0]), ..usual };
+    assert_eq!(found(unknown, Some(vec![0])), ordinary);
+    // The world counts along what everything blocks.
+    let environment = Environment::new(&world([1.0; 3], None), &[]).unwrap();
+    assert_eq!(gather.world_image(&environment, SampleSplit::All).data[0], 257.0 * ordinary);
 }
 
 #[test]

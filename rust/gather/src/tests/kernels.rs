@@ -1,7 +1,7 @@
 //! Every way of gathering gives the same numbers, and factors and sets select what they name.
 
 use glam::{Mat3, Vec3};
-use relume_dump::{Dump, End, Lobe, Segment, TileSamples};
+use relume_dump::{Dump, End, Lobe, Manifest, Segment, SegmentClasses, TileSamples};
 use relume_scene::{Light, LightShape, LobeFactors, ReceiverSet};
 
 use super::{Random, dump, light, manifest, segment};
@@ -16,18 +16,25 @@ fn random_dump() -> Dump {
 
 /// Random dump of a square image with passes of these sizes, of which some segments continue the ones before.
 pub fn random_dump_of(size: usize, samples: &[u32]) -> Dump {
-    random_paths(size, samples, 0.3)
+    random_paths(manifest(size, samples), 0.3)
+}
+
+/// [`random_dump_of`] of two objects, with segments of lights without shadow.
+pub fn random_classes_of(size: usize, samples: &[u32]) -> Dump {
+    let classes = SegmentClasses { blockers: vec![Vec::new()], ..SegmentClasses::default() };
+    let receivers = vec!["A".into(), "B".into()];
+    random_paths(Manifest { receivers, classes: Some(classes), ..manifest(size, samples) }, 0.3)
 }
 
 /// [`random_dump_of`] with segments that are whole rays.
 pub fn random_rays_of(size: usize, samples: &[u32]) -> Dump {
-    random_paths(size, samples, 0.0)
+    random_paths(manifest(size, samples), 0.0)
 }
 
 /// Random paths of which a share of segments continues the ones before.
-fn random_paths(size: usize, samples: &[u32], continuing: f32) -> Dump {
+fn random_paths(manifest: Manifest, continuing: f32) -> Dump {
     let (mut random, mut pieces) = (Random(3), Random(12));
-    dump(manifest(size, samples), |_, _, samples: &mut TileSamples| {
+    dump(manifest, |_, _, samples: &mut TileSamples| {
         let mut before = (Lobe::Camera, 0);
         for depth in 0..1 + (random.next() * 5.0) as usize {
             let lobe = Lobe::ALL[if depth == 0 { 0 } else { 1 + (random.next() * 4.0) as usize }];

@@ -11,7 +11,7 @@ use glam::Vec3;
 use relume_dump::{
     Dump, End, FORMAT_VERSION, Lobe, Manifest, MemoryWriter, Pass, Segment, ShardSink, TileSamples,
 };
-use relume_scene::{Light, LightShape, LobeFactors};
+use relume_scene::{Light, LightShape};
 
 /// A manifest of square images with tiles of 4 pixels.
 pub fn manifest(size: usize, samples: &[u32]) -> Manifest {
@@ -31,6 +31,7 @@ pub fn manifest(size: usize, samples: &[u32]) -> Manifest {
         camera: serde_json::Value::Null,
         camera_position: Some([0.0, 0.0, 5.0]),
         receivers: Vec::new(),
+        classes: None,
         settings: serde_json::Value::Null,
         working_space: "Linear Rec.709".into(),
         world_color: [1.0; 3],
@@ -67,7 +68,7 @@ pub fn segment(end: End, lobe: Lobe) -> Segment {
 
 /// A light of radiance 1.
 pub fn light(shape: LightShape) -> Light {
-    Light { name: "Lamp".into(), shape, radiance: [1.0; 3], lobes: LobeFactors::default(), receivers: None }
+    Light { name: "Lamp".into(), ..Light::unit(shape) }
 }
 
 /// A small random generator (SplitMix64), uniform in 0..1.

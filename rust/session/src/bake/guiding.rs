@@ -262,15 +262,11 @@ mod tests {
     use glam::Affine3A;
     use relume_dump::{FORMAT_VERSION, Pass};
     use relume_image::Image;
-    use relume_scene::LobeFactors;
 
     fn lamp(x: f32, radius: f32) -> Light {
         Light {
             name: format!("lamp {x}"),
-            shape: LightShape::Sphere { center: Vec3::new(x, 0.0, -2.0), radius },
-            radiance: [1.0; 3],
-            lobes: LobeFactors::default(),
-            receivers: None,
+            ..Light::unit(LightShape::Sphere { center: Vec3::new(x, 0.0, -2.0), radius })
         }
     }
 
@@ -322,6 +318,7 @@ mod tests {
             camera: Value::Null,
             camera_position: None,
             receivers: Vec::new(),
+            classes: None,
             settings: Value::Null,
             working_space: String::new(),
             world_color: [1.0; 3],

@@ -120,7 +120,7 @@ impl Proxies {
     /// of a light that the camera sees.
     pub fn covering(&self, light: &Light) -> Option<&TrainedProxy> {
         let unseen = LobeFactors { camera: LobeFactors::default().camera, ..light.lobes };
-        let usual = unseen == LobeFactors::default() && light.receivers.is_none();
+        let usual = unseen == LobeFactors::default() && light.receivers.is_none() && light.rules.is_default();
         self.list.iter().find(|trained| usual && trained.proxy.covers(&light.shape))
     }
 

@@ -1,7 +1,7 @@
 use glam::Vec3;
 use relume_optimise::{Bounds, Locks, Variable};
 use relume_proxy::LightKind;
-use relume_scene::{Light, LightShape, LobeFactors};
+use relume_scene::{Light, LightShape};
 use std::mem::discriminant;
 
 use super::request::{Answer, Backend, BoundsOptions, FreeParam, NewLightKind, SolveRequest};
@@ -280,5 +280,5 @@ fn new_shape(kind: NewLightKind, (low, high): (Vec3, Vec3), views: &[&Relighter]
 }
 
 fn plain(name: &str, shape: LightShape) -> Light {
-    Light { name: name.into(), shape, radiance: [1.0; 3], lobes: LobeFactors::default(), receivers: None }
+    Light { name: name.into(), ..Light::unit(shape) }
 }

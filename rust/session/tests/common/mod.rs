@@ -10,7 +10,7 @@ use std::sync::Mutex;
 
 use glam::Vec3;
 use relume_session::proxy::{LightKind, SizeRange, TrainConfig};
-use relume_session::scene::{Light, LightShape, LobeFactors, Scene};
+use relume_session::scene::{Light, LightShape, Scene};
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Clock, Compute, Listener, Method, Monitor, ObjView, Progress, RelightOptions, TrainReport, TrainSettings,
@@ -50,10 +50,8 @@ pub fn baked_with(folder: &Path, change: impl FnOnce(&mut Scene)) {
 pub fn sphere(name: &str, radius: f32) -> Light {
     Light {
         name: name.into(),
-        shape: LightShape::Sphere { center: Vec3::new(0.2, 0.1, 1.3), radius },
         radiance: [2.0, 1.0, 0.5],
-        lobes: LobeFactors::default(),
-        receivers: None,
+        ..Light::unit(LightShape::Sphere { center: Vec3::new(0.2, 0.1, 1.3), radius })
     }
 }
 

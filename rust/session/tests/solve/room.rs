@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use relume_session::image::Image;
-use relume_session::scene::{Light, LightShape, LobeFactors, Scene, UpAxis};
+use relume_session::scene::{Light, LightShape, Scene, UpAxis};
 use relume_session::trace::TraceSettings;
 use relume_session::{
     Method, Monitor, ObjView, Pictures, RelightOptions, Relighter, SessionError, SolveRequest, Solved, bake,
@@ -85,7 +85,7 @@ fn made_once(name: &str, scene: &Scene, settings: &TraceSettings) -> Relighter {
 }
 
 pub fn light(name: &str, shape: LightShape, radiance: [f32; 3]) -> Light {
-    Light { name: name.into(), shape, radiance, lobes: LobeFactors::default(), receivers: None }
+    Light { name: name.into(), radiance, ..Light::unit(shape) }
 }
 
 pub fn picture(relighter: &Relighter, lights: &[Light]) -> Image {

@@ -1,16 +1,8 @@
-use relume_scene::LobeFactors;
-
 use super::target::TargetPlace;
 use super::*;
 
 fn light(shape: &LightShape) -> Light {
-    Light {
-        name: "light".into(),
-        shape: *shape,
-        radiance: [1.0; 3],
-        lobes: LobeFactors::default(),
-        receivers: None,
-    }
+    Light { name: "light".into(), ..Light::unit(*shape) }
 }
 
 fn guide(shapes: &[LightShape]) -> Guide {

@@ -6,12 +6,12 @@
 //! adds by hitting a large lamp from there is counted as if a shadow ray had met it.
 
 use glam::Vec3;
-use relume_dump::{AovSample, End};
+use relume_dump::{AovSample, End, Sight};
 use relume_scene::{Material, Scene};
 
 use super::{Features, Integrator, PathScratch, PathSink, SHADOW_PATH_GROUP, Walk, travel::Arrival};
 use crate::{
-    bvh::{RayKind, visibility_bits},
+    bvh::{Ray, RayKind, visibility_bits},
     emitters::may_be_transparent,
     media::TrackingNumbers,
     ray_offset::offset_origin,
@@ -56,11 +56,29 @@ impl ShadowDifferences {
     }
 }
 
+/// Most pieces of a shadow ray.
+const PIECES: u32 = 1 << 12;
+
 /// Bits of all kinds of rays.
 const KINDS: u8 = 0b11_1111;
 
 fn differs(material: &Material) -> bool {
     may_be_transparent(material) && (material.opaque_shadows || material.asks_light_path())
+}
+
+impl Walk {
+    /// A shadow ray along the present ray, which may have blockers of its own.
+    fn shadow(&self, blockers: Option<usize>) -> Self {
+        let ray = Ray { kind: RayKind::Shadow, ..self.ray };
+        Self { ray, blockers, ..self.clone() }
+    }
+
+    /// Goes on with a record that a shadow ray has added to.
+    fn record_after(&mut self, shadow: &Self) {
+        if let (Some(route), Some(recorded)) = (&mut self.route, &shadow.route) {
+            route.continue_record(recorded);
+        }
+    }
 }
 
 impl Integrator<'_> {
@@ -74,45 +92,92 @@ impl Integrator<'_> {
         scratch: &mut PathScratch,
         sink: &mut impl PathSink,
     ) {
-        let mut shadow = walk.clone();
-        shadow.ray.kind = RayKind::Shadow;
+        let mut shadow = walk.shadow(None);
         walk.path.darken(met.map_or(walk.path.origin(), |point| point.position));
-        let mut unseen = Features { sample: AovSample::default(), tint: None };
-        let mut goes_on = met.is_none_or(|point| self.pass_as_shadow(&mut shadow, point, scratch));
-        for piece in 0.. {
-            if !goes_on {
-                break;
+        if met.is_none_or(|point| self.pass_as_shadow(&mut shadow, point, scratch)) {
+            self.follow_shadow(&mut shadow, SHADOW_PATH_GROUP, draws, scratch, sink);
+        }
+        walk.record_after(&shadow);
+    }
+
+    /// Records lights with blockers of their own along a ray that starts at a dull vertex, as their shadow rays would meet them.
+    pub(super) fn record_linked(
+        &self,
+        walk: &mut Walk,
+        draws: Draws,
+        scratch: &mut PathScratch,
+        sink: &mut impl PathSink,
+    ) {
+        let Some(classes) = &self.classes else { return };
+        if walk.last.is_none() || !walk.path.starts_lit_ray() {
+            return;
+        }
+        for set in 0..classes.sets() {
+            let mut shadow = walk.shadow(Some(set));
+            if classes.is_empty(set) {
+                // Media do not dim lights without shadow either.
+                let direction = shadow.ray.direction;
+                self.record(&mut shadow, End::Escape(direction), sink);
+            } else {
+                let group = SHADOW_PATH_GROUP + PIECES * (set as u32 + 1);
+                self.follow_shadow(&mut shadow, group, draws, scratch, sink);
             }
-            let numbers = || TrackingNumbers::new(draws.at(SHADOW_PATH_GROUP + piece));
-            goes_on = match self.arrive(&mut shadow, &mut unseen, numbers, &mut scratch.media, sink) {
+            walk.path.return_to(walk.path.origin());
+            walk.record_after(&shadow);
+        }
+    }
+
+    /// Number that the class of a path's current segment adds to its receiver.
+    pub(super) fn class_offset(&self, walk: &Walk) -> u16 {
+        let Some(classes) = &self.classes else { return 0 };
+        let sight = match (walk.blockers, walk.last) {
+            (Some(set), _) => Sight::Linked(set),
+            (None, Some(_)) => Sight::Shadow,
+            (None, None) => Sight::Singular,
+        };
+        classes.offset(sight, walk.path.bounces_before())
+    }
+
+    /// Records the pieces of a shadow ray up to what stops it.
+    fn follow_shadow(
+        &self,
+        shadow: &mut Walk,
+        group: u32,
+        draws: Draws,
+        scratch: &mut PathScratch,
+        sink: &mut impl PathSink,
+    ) {
+        let mut unseen = Features { sample: AovSample::default(), tint: None };
+        for piece in 0..PIECES {
+            let numbers = || TrackingNumbers::new(draws.at(group + piece));
+            match self.arrive(shadow, &mut unseen, numbers, &mut scratch.media, sink) {
                 Arrival::Escape => {
                     let direction = shadow.ray.direction;
-                    self.record(&mut shadow, End::Escape(direction), sink);
-                    false
+                    self.record(shadow, End::Escape(direction), sink);
+                    return;
                 }
-                Arrival::Lost | Arrival::Collision(_) => false,
+                Arrival::Lost | Arrival::Collision(_) => return,
                 Arrival::Surface(hit) if shadow.path.lights_only.is_some_and(|only| only.is_at(&hit)) => {
-                    false
+                    return;
                 }
                 Arrival::Surface(hit) => {
                     let ray = shadow.ray;
                     let point =
                         self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, 0.0);
-                    self.record(&mut shadow, End::Vertex(point.position), sink);
-                    self.pass_as_shadow(&mut shadow, &point, scratch)
+                    self.record(shadow, End::Vertex(point.position), sink);
+                    if !self.pass_as_shadow(shadow, &point, scratch) {
+                        return;
+                    }
                 }
-            };
-        }
-        if let (Some(route), Some(recorded)) = (&mut walk.route, &shadow.route) {
-            route.continue_record(recorded);
+            }
         }
     }
 
     /// Takes a shadow ray through a surface, or says that it ends there.
     fn pass_as_shadow(&self, shadow: &mut Walk, point: &SurfacePoint, scratch: &mut PathScratch) -> bool {
-        let instance = &self.scene.instances[point.instance as usize];
         let limits = &self.settings.bounces;
-        if instance.visible_shadow {
+        let is_met = self.stops_shadow(shadow, point.instance);
+        if is_met {
             let through = self.shadow_transparency(point, shadow.path.shadow_info(), scratch);
             if through.max_element() <= 0.0 {
                 return false;
@@ -123,8 +188,14 @@ impl Integrator<'_> {
         }
         offset_origin(&mut shadow.ray, point);
         shadow.ray.t_max = f32::INFINITY;
-        self.leave(shadow, point, instance.visible_shadow);
+        self.leave(shadow, point, is_met);
         shadow.path.sees_lights(limits, false)
+    }
+
+    /// True if a shadow ray meets an instance.
+    fn stops_shadow(&self, shadow: &Walk, instance: u32) -> bool {
+        let is_blocker = |set| self.classes.as_ref().is_some_and(|classes| classes.blocks(set, instance));
+        self.scene.instances[instance as usize].visible_shadow && shadow.blockers.is_none_or(is_blocker)
     }
 
     /// Weight of light that goes straight through a surface as a shadow ray meets it.

@@ -135,7 +135,7 @@ fn ball(shape: &LightShape) -> Option<(Vec3, f32)> {
 #[cfg(test)]
 mod tests {
     use glam::Affine3A;
-    use relume_scene::{Curves, LobeFactors, Points};
+    use relume_scene::{Curves, Points};
 
     use super::*;
 
@@ -152,13 +152,7 @@ mod tests {
             ..Scene::default()
         };
         let lamp = |x| LightShape::Sphere { center: Vec3::new(x, 0.0, 0.0), radius: 1.0 };
-        let light = Light {
-            name: String::new(),
-            shape: lamp(5.0),
-            radiance: [1.0; 3],
-            lobes: LobeFactors::default(),
-            receivers: None,
-        };
+        let light = Light { name: String::new(), ..Light::unit(lamp(5.0)) };
         let corners = Bounds::of_scene(&scene, &[light]).corners();
         assert_eq!(corners, [Vec3::new(-14.0, -11.0, -11.0), Vec3::new(16.0, 11.0, 13.0)]);
         let is_beyond = |x| reaches_beyond(&lamp(x), corners.map(Vec3::into));

@@ -2,7 +2,7 @@
 
 use relume_dump::{Dump, MemoryWriter};
 use relume_scene::{
-    Light, LightShape, LobeFactors, Scene,
+    Light, LightShape, Scene,
     glam::{Affine3A, Vec3},
 };
 use relume_trace::{Control, TraceOutcome, TraceSettings, Tracer, settings::PassSchedule};
@@ -98,10 +98,7 @@ fn every_pass_looks_for_the_lights_of_its_time() {
     let settings = TraceSettings { threads: 1, guiding: 0.5, ..settings() };
     let lamp = |x: f32| Light {
         name: "lamp".into(),
-        shape: LightShape::Sphere { center: Vec3::new(x, 0.3, 1.5), radius: 0.05 },
-        radiance: [1.0; 3],
-        lobes: LobeFactors::default(),
-        receivers: None,
+        ..Light::unit(LightShape::Sphere { center: Vec3::new(x, 0.3, 1.5), radius: 0.05 })
     };
     let traced = |settings: &TraceSettings, control: &Control| {
         let tracer = Tracer::new(&scene, settings).unwrap();

@@ -2,7 +2,7 @@
 
 use relume_dump::{AovSample, Pass, Segment};
 use relume_scene::{
-    Camera, Input, Instance, Light, LightShape, LobeFactors, Material, Mesh, Node, Scene,
+    Camera, Input, Instance, Light, LightShape, Material, Mesh, Node, Scene,
     glam::{Affine3A, Quat, Vec2, Vec3},
 };
 use relume_trace::{PathScratch, PathSink, TraceSettings, Tracer};
@@ -149,11 +149,5 @@ pub fn look_at_origin(position: Vec3, size: usize, window: f32) -> Camera {
 
 /// A sphere light of radiance 1.
 pub fn sphere_light(center: Vec3, radius: f32) -> Light {
-    Light {
-        name: "light".into(),
-        shape: LightShape::Sphere { center, radius },
-        radiance: [1.0; 3],
-        lobes: LobeFactors::default(),
-        receivers: None,
-    }
+    Light { name: "light".into(), ..Light::unit(LightShape::Sphere { center, radius }) }
 }

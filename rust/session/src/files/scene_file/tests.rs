@@ -5,8 +5,8 @@ use crate::progress::Monitor;
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_scene::glam::{Affine3A, Mat3, Vec2};
 use relume_scene::{
-    ColorAttribute, Curves, DenseGrid, DepthOfField, Geometry, GridInterpolation, GridSet, LightShape,
-    LobeFactors, Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, UvMap,
+    ColorAttribute, Curves, DenseGrid, DepthOfField, Geometry, GridInterpolation, GridSet, LightRules,
+    LightShape, LobeFactors, Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, UvMap,
 };
 
 /// A lit scene with something of everything that a scene can have.
@@ -81,6 +81,7 @@ fn scene() -> Scene {
         radiance: [3.0, 2.0, 0.1],
         lobes: LobeFactors { glossy: 0.5, ..LobeFactors::default() },
         receivers: Some(ReceiverSet { receivers: vec![3] }),
+        rules: LightRules { max_bounces: Some(2), ..LightRules::default() },
     });
     builder.warn("object 'Fur': hair is not supported");
     builder.build().unwrap()

@@ -1,0 +1,76 @@
+use serde::{Deserialize, Serialize};
+
+/// Division of a bake's segments by what lights with rules of their own go by: lights that not everything blocks, that light few
+/// bounces, or that mirrors do not show. A segment of receiver r and class c carries the number r + c times the receivers.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SegmentClasses {
+    /// Limits of lights to the bounces before a vertex that they light, ascending.
+    pub bounce_limits: Vec<u32>,
+    /// Sets of receivers that alone block some lights, each ascending; an empty one belongs to lights without shadow.
+    pub blockers: Vec<Vec<u16>>,
+}
+
+/// Ray that a segment stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sight {
+    /// A shadow ray from a dull surface or a medium, which everything blocks.
+    Shadow,
+    /// A ray of the camera, a mirror or clear glass, which alone can find a light.
+    Singular,
+    /// A shadow ray that only one of the sets of blockers stops.
+    Linked(usize),
+}
+
+impl SegmentClasses {
+    /// Number of classes.
+    pub fn count(&self) -> usize {
+        (2 + self.blockers.len()) * self.intervals()
+    }
+
+    /// Number of the class of segments from a vertex with so many bounces before it.
+    pub fn class(&self, sight: Sight, bounces: u32) -> usize {
+        let row = match sight {
+            Sight::Shadow => 0,
+            Sight::Singular => 1,
+            Sight::Linked(set) => 2 + set,
+        };
+        row * self.intervals() + self.bounce_limits.partition_point(|limit| *limit < bounces)
+    }
+
+    /// What the segments of a class stand for, and the most bounces before them; none without limit.
+    pub fn rules(&self, class: usize) -> (Sight, Option<u32>) {
+        let (row, interval) = (class / self.intervals(), class % self.intervals());
+        let sight = match row {
+            0 => Sight::Shadow,
+            1 => Sight::Singular,
+            row => Sight::Linked(row - 2),
+        };
+        (sight, self.bounce_limits.get(interval).copied())
+    }
+
+    fn intervals(&self) -> usize {
+        self.bounce_limits.len() + 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_class_has_its_rules() {
+        let classes = SegmentClasses { bounce_limits: vec![0, 3], blockers: vec![vec![], vec![2, 5]] };
+        assert_eq!(classes.count(), 12);
+        for (sight, bounces, most) in [
+            (Sight::Shadow, 0, Some(0)),
+            (Sight::Shadow, 1, Some(3)),
+            (Sight::Singular, 3, Some(3)),
+            (Sight::Linked(0), 4, None),
+            (Sight::Linked(1), 0, Some(0)),
+        ] {
+            let class = classes.class(sight, bounces);
+            assert!(class < classes.count());
+            assert_eq!(classes.rules(class), (sight, most));
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! Rules of lights of their own: which classes of a dump's segments a light counts along.
+
+use std::borrow::Cow;
+
+use relume_dump::{Manifest, RECEIVER_LIMIT, SegmentClasses, Sight};
+use relume_scene::{Light, LobeFactors, ReceiverSet};
+
+/// A light with its rules as the set of receivers that a dump with classes stores, those of light linking among them.
+pub(crate) fn with_rules<'a>(light: &'a Light, manifest: &Manifest) -> Cow<'a, Light> {
+    let Some(classes) = &manifest.classes else { return Cow::Borrowed(light) };
+    let objects = manifest.receivers.len();
+    let lit: Vec<usize> = match &light.receivers {
+        Some(set) => set.receivers.iter().map(|receiver| usize::from(*receiver)).collect(),
+        None => (0..objects).collect(),
+    };
+    let counted = (0..classes.count()).filter(|class| counts(light, classes, *class));
+    let receivers = counted
+        .flat_map(|class| {
+            lit.iter().filter(|receiver| **receiver < objects).map(move |r| r + class * objects)
+        })
+        .filter_map(|receiver| u16::try_from(receiver).ok().filter(|receiver| *receiver < RECEIVER_LIMIT))
+        .collect();
+    let camera = if light.rules.is_sampled_only { 0.0 } else { light.lobes.camera };
+    Cow::Owned(Light {
+        lobes: LobeFactors { camera, ..light.lobes },
+        receivers: Some(ReceiverSet { receivers }),
+        ..light.clone()
+    })
+}
+
+/// True if a light counts along the segments of a class. Blockers that the dump has no class for are taken for everything.
+fn counts(light: &Light, classes: &SegmentClasses, class: usize) -> bool {
+    let rules = &light.rules;
+    let set = (rules.blockers.as_ref())
+        .and_then(|blockers| classes.blockers.iter().position(|known| *known == blockers.receivers));
+    let (sight, most_bounces) = classes.rules(class);
+    let is_near = rules.max_bounces.is_none_or(|limit| most_bounces.is_some_and(|most| most <= limit));
+    match sight {
+        Sight::Singular => !rules.is_sampled_only,
+        Sight::Shadow => set.is_none() && is_near,
+        Sight::Linked(linked) => set == Some(linked) && is_near,
+    }
+}

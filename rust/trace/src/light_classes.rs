@@ -1,0 +1,74 @@
+//! Classes of segments for lights with rules of their own ([`relume_scene::LightRules`]).
+
+use relume_dump::{RECEIVER_LIMIT, SegmentClasses, Sight};
+use relume_scene::{LightRules, Scene};
+
+/// Classes of the segments of a scene, and what they go by.
+#[derive(Debug)]
+pub(crate) struct LightClasses {
+    classes: SegmentClasses,
+    /// Receivers of one class.
+    receivers: u16,
+    /// For each set of blockers, for each instance: it is one of them.
+    blockers: Vec<Vec<bool>>,
+}
+
+/// Classes that the lights of a scene need; nothing if they have no rules.
+///
+/// # Errors
+/// A warning if there are more classes than a segment's number can tell.
+pub(crate) fn segment_classes(scene: &Scene) -> Result<Option<SegmentClasses>, String> {
+    let rules = || scene.lights.iter().map(|light| &light.rules);
+    if rules().all(LightRules::is_default) {
+        return Ok(None);
+    }
+    let mut classes = SegmentClasses {
+        bounce_limits: rules().filter_map(|rules| rules.max_bounces).collect(),
+        blockers: rules().filter_map(|rules| Some(rules.blockers.as_ref()?.receivers.clone())).collect(),
+    };
+    classes.bounce_limits.sort_unstable();
+    classes.bounce_limits.dedup();
+    classes.blockers.sort_unstable();
+    classes.blockers.dedup();
+    let receivers = scene.receiver_names().len();
+    if receivers * classes.count() > usize::from(RECEIVER_LIMIT) {
+        return Err(format!(
+            "{receivers} objects are too many for lights without shadow, with shadow linking, a limit to their bounces or without \
+             Multiple Importance: with {} different ones there may be {}; they are taken as ordinary lights",
+            classes.count(),
+            usize::from(RECEIVER_LIMIT) / classes.count(),
+        ));
+    }
+    Ok(Some(classes))
+}
+
+impl LightClasses {
+    /// Classes of a scene.
+    pub fn new(scene: &Scene, classes: SegmentClasses) -> Self {
+        let is_in = |set: &Vec<u16>| {
+            scene.instances.iter().map(|instance| set.binary_search(&instance.receiver).is_ok()).collect()
+        };
+        let blockers = classes.blockers.iter().map(is_in).collect();
+        Self { receivers: scene.receiver_names().len() as u16, blockers, classes }
+    }
+
+    /// Number to add to the receiver of a segment from a vertex with so many bounces before it.
+    pub fn offset(&self, sight: Sight, bounces: u32) -> u16 {
+        self.classes.class(sight, bounces) as u16 * self.receivers
+    }
+
+    /// Number of sets of blockers.
+    pub fn sets(&self) -> usize {
+        self.blockers.len()
+    }
+
+    /// True if no object is in a set.
+    pub fn is_empty(&self, set: usize) -> bool {
+        self.classes.blockers[set].is_empty()
+    }
+
+    /// True if an instance is in a set.
+    pub fn blocks(&self, set: usize, instance: u32) -> bool {
+        self.blockers[set][instance as usize]
+    }
+}
