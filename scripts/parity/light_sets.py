@@ -6,6 +6,8 @@ import random
 import bpy
 from mathutils import Vector
 
+RULES = ("no shadow", "linked shadow", "no bounces", "sampled only")
+"""Rules of lights in scenes that have them."""
 KINDS = ("POINT", "POINT_HARD", "SPOT", "RECTANGLE", "ELLIPSE", "SUN")
 
 
@@ -72,7 +74,21 @@ def add_light(scene, kind, position, depth, rng):
     if scene.get("parity_single_importance"):
         data.cycles.use_multiple_importance_sampling = False
     scene.collection.objects.link(light)
+    if scene.get("parity_light_rules"):
+        set_rule(light, RULES[KINDS.index(kind) % len(RULES)])
     return light
+
+
+def set_rule(light, rule):
+    """Gives a light one of `RULES`."""
+    if rule == "no shadow":
+        light.data.use_shadow = False
+    elif rule == "linked shadow":
+        light.light_linking.blocker_collection = bpy.data.collections["Blockers"]
+    elif rule == "no bounces":
+        light.data.cycles.max_bounces = 0
+    elif rule == "sampled only":
+        light.data.cycles.use_multiple_importance_sampling = False
 
 
 def add_light_set(scene, seed):

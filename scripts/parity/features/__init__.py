@@ -3,7 +3,7 @@
 Each builder fills an empty scene that `stage.set_up` has made: a floor, a wall and a camera that looks at the origin.
 """
 
-from . import hair, images, media, skin
+from . import hair, images, media, rays, skin
 
-SCENES = {**media.SCENES, **skin.SCENES, **hair.SCENES, **images.SCENES}
+SCENES = {**media.SCENES, **skin.SCENES, **hair.SCENES, **rays.SCENES, **images.SCENES}
 """Builders by the names of their scenes."""
