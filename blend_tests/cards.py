@@ -52,6 +52,11 @@ class Cards:
     def means(self, tmp_path, samples=16):
         """Mean colours of each card by its name, in Relume's and in Cycles' picture under the scene's lights; and
         Relume's warnings."""
+        pixels, warnings = self.pixels(tmp_path, samples)
+        return {name: [image.mean(axis=(0, 1)) for image in pair] for name, pair in pixels.items()}, warnings
+
+    def pixels(self, tmp_path, samples=16):
+        """The pixels of each card, likewise."""
         self._look()
         scene = load_scene(self.scene)
         folder = tmp_path / "bake"
@@ -73,7 +78,7 @@ class Cards:
     def _of(self, image, number):
         """Without the pixels that see a neighbour."""
         x, y = number % self.columns * PIXELS, number // self.columns * PIXELS
-        return image[y + 2 : y + PIXELS - 2, x + 2 : x + PIXELS - 2].mean(axis=(0, 1))
+        return image[y + 2 : y + PIXELS - 2, x + 2 : x + PIXELS - 2]
 
 
 def differences(means, tolerance=0.02):

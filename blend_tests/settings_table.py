@@ -159,14 +159,12 @@ TABLE = {
     "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission", NOISE: "shadow", NAMED: "scatter"},
     "WorldLighting": {FAST_GI: "ao_factor distance"},
     "Material": {
-        READ: "node_tree use_nodes diffuse_color pass_index cycles use_transparent_shadow",
-        NAMED: "displacement_method",
+        READ: "node_tree use_nodes diffuse_color pass_index cycles use_transparent_shadow displacement_method",
         EEVEE: "surface_render_method blend_method shadow_method alpha_threshold use_transparency_overlap "
         "show_transparent_back use_backface_culling* use_raytrace_refraction use_screen_refraction "
         "use_sss_translucency refraction_depth thickness_mode use_thickness_from_shadow volume_intersection_method "
-        "specular_color roughness specular_intensity metallic",
+        "specular_color roughness specular_intensity metallic max_vertex_displacement",
         BY_DEPSGRAPH: "animation_data",
-        "of displacement, which is named": "max_vertex_displacement",
         VIEWS: "preview_render_type use_preview_world texture_paint_* paint_* line_color line_priority lineart",
         "of grease pencil, which is named": "grease_pencil",
     },

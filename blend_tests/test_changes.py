@@ -334,6 +334,18 @@ def test_shadows_of_transparent_parts_are_a_change(baked):
     assert said(baked) == []
 
 
+def test_rules_of_lights_are_a_change(baked):
+    light = next(obj for obj in baked.objects if obj.type == "LIGHT")
+    light.data.use_shadow = False
+    assert said(baked) == ["Shadow linking, bounces or Multiple Importance of a light changed"]
+    light.data.use_shadow = True
+    light.data.cycles.max_bounces = 1
+    assert said(baked) == ["Shadow linking, bounces or Multiple Importance of a light changed"]
+    light.data.cycles.max_bounces = 1024
+    light.data.energy = 5.0
+    assert said(baked) == []
+
+
 def test_visibility_to_what_fog_scatters_is_a_change(baked):
     bpy.data.objects["Sofa"].visible_volume_scatter = False
     assert said(baked) == ["Visibility of 'Sofa' changed"]

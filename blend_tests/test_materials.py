@@ -262,12 +262,8 @@ def test_unsupported_nodes_are_named_with_object_material_and_node(tree):
     tree, output, export = tree
     wireframe = tree.nodes.new("ShaderNodeWireframe")
     diffuse_with(tree, output, wireframe.outputs[0])
-    displacement = tree.nodes.new("ShaderNodeDisplacement")
-    tree.links.new(displacement.outputs[0], output.inputs["Displacement"])
-    bpy.data.materials["Paint"].displacement_method = "DISPLACEMENT"
     material, warnings, _ = export()
     assert any("object 'Wall', material 'Paint': node 'Wireframe'" in warning for warning in warnings)
-    assert any("displacement is not supported" in warning for warning in warnings)
     assert material["nodes"][-1]["color"] == [0.5, 0.5, 0.5]
 
 

@@ -20,23 +20,26 @@ class GeometryExporter:
         self.builder = builder
         self.attribute_names = attribute_names
         """Names of attributes that materials read."""
-        self.numbers: dict[int, int | None] = {}
-        """Numbers of evaluated meshes by their addresses."""
+        self.numbers: dict[tuple[int, bool], int | None] = {}
+        """Numbers of evaluated meshes by their addresses, and by being displaced."""
         self.attributes: dict[int, set[str]] = {}
         """Names of attributes that materials can read, by mesh number."""
 
-    def mesh_number(self, obj: bpy.types.Object) -> int | None:
+    def mesh_number(self, obj: bpy.types.Object, is_displaced: bool) -> int | None:
         """Number of the mesh of an evaluated object; None if it has no faces, or damaged ones. Evaluated meshes are
-        shared by all instances of one evaluated object and by linked duplicates without modifiers."""
-        key = obj.data.as_pointer()
+        shared by all instances of one evaluated object and by linked duplicates without modifiers. `is_displaced`: a
+        material of the object displaces it."""
+        key = obj.data.as_pointer(), is_displaced
         if key not in self.numbers:
             mesh = shown_mesh(obj)
-            self.numbers[key] = self._add(obj, mesh) if len(mesh.polygons) else None
+            self.numbers[key] = self._add(obj, mesh, is_displaced) if len(mesh.polygons) else None
         return self.numbers[key]
 
-    def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh) -> int | None:
+    def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh, is_displaced: bool) -> int | None:
         """Number of a mesh that an object shows; None, and a warning, of one that is damaged beyond repair."""
         arrays = mesh_arrays(mesh, self.attribute_names)
+        if is_displaced:
+            add_displacement(arrays, mesh)
         try:
             number = self.builder.add_mesh(mesh.name, **arrays, shown_by=obj.name)
         except ValueError as error:
@@ -92,6 +95,26 @@ def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> 
         if is_flat and _has_attribute(mesh, "sharp_face", "BOOLEAN", "FACE"):
             arrays["sharp_faces"] = _attribute(mesh, "sharp_face")
     return arrays
+
+
+def add_displacement(arrays: dict[str, Any], mesh: bpy.types.Mesh) -> None:
+    """Adds to the arrays of a mesh what its displacement needs. Where corners of a vertex have normals of their own,
+    Cycles turns those as far as the vertex's from Blender 5.2 on; before, it splits the vertex, and the mesh comes
+    apart."""
+    arrays["displacement_normals"] = stored(mesh.vertex_normals, np.float32, 3).copy()
+    if mesh.normals_domain != "CORNER":
+        return
+    if _has_attribute(mesh, "sharp_face", "BOOLEAN", "FACE"):
+        arrays["sharp_faces"] = _attribute(mesh, "sharp_face")
+    if bpy.app.version >= (5, 2, 0):
+        arrays["turns_corner_normals"] = True
+        return
+    normals = arrays.pop("corner_normals")
+    keys = np.column_stack([arrays["corner_verts"].astype(np.float32), normals]).view(np.int32)
+    _, first, split = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    arrays["positions"] = arrays["positions"][arrays["corner_verts"][first]]
+    arrays["corner_verts"] = split.reshape(-1).astype(np.int32)
+    arrays["vertex_normals"] = arrays["displacement_normals"] = normals[first]
 
 
 def _color_attributes(mesh: bpy.types.Mesh, corner_verts: np.ndarray) -> dict[str, np.ndarray]:

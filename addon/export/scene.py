@@ -144,6 +144,7 @@ class _SceneExporter:
         self.curves = CurvesExporter(builder, depsgraph.scene, names)
         self.points = PointsExporter(builder, names)
         self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
+        self.may_displace = any(material.displacement_method != "BUMP" for material in bpy.data.materials)
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, str, int], _Shared] = {}
@@ -166,7 +167,7 @@ class _SceneExporter:
             elif obj.type == "VOLUME" or (obj.type == "MESH" and not instance.is_instance and smoke_domain(obj)):
                 self._export_volume(instance)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
-                number = self.geometry.mesh_number(obj)
+                number = self.geometry.mesh_number(obj, self._is_displaced(obj))
                 if number is not None:
                     self._place(instance, _Placed("mesh", number, self.geometry.attributes[number]))
             elif obj.type == "CURVES" and self.view_layer.use_strand:
@@ -249,6 +250,13 @@ class _SceneExporter:
         """Materials of an evaluated object: it has a slot for each of its mesh."""
         override = self.view_layer.material_override
         return [override] if override is not None else [slot.material for slot in obj.material_slots] or [None]
+
+    def _is_displaced(self, obj: bpy.types.Object) -> bool:
+        """True if a material of an evaluated object displaces meshes."""
+        if not self.may_displace:
+            return False
+        numbers = (self.materials.number(material, obj.name) for material in self._slots(obj))
+        return not self.materials.displacing.isdisjoint(numbers)
 
     def _visibility(self, obj: bpy.types.Object, owner: bpy.types.Object) -> tuple[bool, bool, bool, bool]:
         """Visibility to camera, diffuse, glossy and transmitted rays: those see it that see its owner too."""

@@ -365,15 +365,17 @@ def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Finger
 def _settings(scene: bpy.types.Scene) -> Fingerprint:
     layer = render_layer(scene)
     override = layer.material_override
-    rules = rules_of_lights(scene)
     return {
-        **({"rules": hashed(rules)} if rules else {}),
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
         "volumes": str(layer.use_volumes),
         "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
     }
+
+
+def _rules(scene: bpy.types.Scene) -> Fingerprint:
+    return {"lights": hashed(rules_of_lights(scene))}
 
 
 def _collections(scene: bpy.types.Scene) -> Fingerprint:
@@ -475,6 +477,7 @@ ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Fingerprint | None]] = {
     "camera": _camera,
     "film": _film,
     "settings": _settings,
+    "rules": _rules,
     "collections": _collections,
     "world": world,
     "space": _space,

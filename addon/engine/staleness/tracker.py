@@ -59,6 +59,7 @@ class StalenessTracker:
         edited = [update.id.original for update in updates]
         keys = fingerprints.keys_of_blocks(edited, scene)
         self._waiting |= keys
+        self._waiting["rules"] = None  # Blender does not name a light whose settings of Cycles change.
         if any(isinstance(block, (bpy.types.Scene, bpy.types.Collection)) for block in edited):
             self._is_scan_outdated = self._scan is not None
             self._needs_scan = True

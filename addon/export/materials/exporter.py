@@ -44,6 +44,8 @@ class MaterialExporter:
         """Numbers of those that may emit light."""
         self.filled: set[int] = set()
         """Numbers of those with a volume."""
+        self.displacing: set[int] = set()
+        """Numbers of those that displace meshes."""
         self.attributes: dict[int, dict[str, str]] = {}
         """Names of attributes that a material reads from meshes, with the material and node for messages, by the
         material's number."""
@@ -112,6 +114,8 @@ class MaterialExporter:
             self.of_objects[number] = translation.of_objects
         if _any(description, EMISSION):
             self.emissive.add(number)
+        if "displacement" in description:
+            self.displacing.add(number)
         if "volume" in description:
             self.filled.add(number)
             if translation.medium_varies and _marches(material):

@@ -41,6 +41,8 @@ VARYING = {"image_texture", "procedural", "texture_coordinate", "geometry"}
 """Types of nodes whose values differ from place to place within a medium."""
 BUMP_WIDTH = 0.1 if bpy.app.version >= (4, 3, 0) else 1.0
 """Pixels over which Cycles takes differences of a displacement."""
+SURFACE_BEFORE = "undisplaced" if bpy.app.version >= (5, 0, 0) else "undisplaced_places"
+"""Surface on which Cycles bumps what is displaced as well, and maps normals if not told."""
 COMPUTED = {
     *("mix", "math", "vector_math", "map_range", "clamp", "color_ramp", "rgb_curves", "gamma"),
     *("separate_xyz", "combine_xyz"),
@@ -105,6 +107,8 @@ class Translation:
         self.done: dict[Key, Any] = {}
         self.normal: dict[str, Any] | None = None
         """A link to the shading normal, where it is not the mesh's."""
+        self.displacement: dict[str, Any] | None = None
+        """Offset of vertices in the JSON form, if it moves any."""
         self.attributes: dict[str, str] = {}
         """Names of the mesh attributes that it reads, each with a node that does."""
         self.of_objects: set[str] = set()
@@ -121,13 +125,9 @@ class Translation:
         volume = self.volume(tree)
         if volume and surface is None and self._has_surface(tree):
             surface = self.emit(NOTHING)  # Black, where rays would pass without any.
-        return {
-            "name": self.title,
-            "nodes": self.nodes,
-            "surface": surface,
-            **volume,
-            **sampling_settings(self.material),
-        }
+        moved = {"displacement": self.displacement} if self.displacement else {}
+        sampling = sampling_settings(self.material)
+        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **moved, **sampling}
 
     def _has_surface(self, tree: bpy.types.NodeTree | None) -> bool:
         output = surface_socket(tree) if tree is not None else None
@@ -159,14 +159,7 @@ class Translation:
             return None
         surface, context = output
         if self._feeds("Displacement", surface, context):
-            if material.displacement_method == "BUMP":
-                self.normal = self._displaced_normal(surface.node.inputs["Displacement"], context)
-                if self.normal is not None:
-                    self.warn(
-                        "displacement is taken as a bump map; where it is steep it is a little darker than in Cycles"
-                    )
-            else:
-                self.warn("displacement is not supported yet; left out")
+            self._displace(material.displacement_method, surface.node.inputs["Displacement"], context)
         return self.shader(surface, context)
 
     def _feeds(self, name: str, surface: bpy.types.NodeSocket, context: Context) -> bool:
@@ -174,19 +167,28 @@ class Translation:
         inputs = surface.node.inputs
         return name in inputs and resolve(inputs[name], context) is not None
 
-    def _displaced_normal(self, socket: bpy.types.NodeSocket, context: Context) -> dict[str, Any] | None:
-        """The shading normal of a surface whose displacement is only looked at: Cycles bumps it."""
-        displacement = self.socket_value(socket, context, None)
+    def _displace(self, method: str, socket: bpy.types.NodeSocket, context: Context) -> None:
+        """Takes the displacement as a bump of the normal, an offset of vertices, or both."""
+        offset = self.socket_value(socket, context, None)
         # Nodes of the surface have the bumped normal.
         self.done.clear()
-        if not isinstance(displacement, dict):
-            return None
+        if not isinstance(offset, dict):
+            return
+        if method != "BUMP":
+            self.displacement = {"offset": offset, "keeps_normals": method == "BOTH"}
+        if method != "DISPLACEMENT":
+            self.normal = self._bumped(offset, "shaded" if method == "BUMP" else SURFACE_BEFORE)
+            words = "is taken as a bump map" if method == "BUMP" else "bumps the surface as well"
+            self.warn(f"displacement {words}; where it is steep it is a little darker than in Cycles")
+
+    def _bumped(self, displacement: dict[str, Any], base: str) -> dict[str, Any]:
+        """The shading normal of a surface whose displacement Cycles bumps."""
         geometry = self.emit({"type": "geometry"})
         normal = {"node": geometry, "output": "normal"}
         inputs = {"a": displacement, "b": normal, "c": [0.0] * 3, "scale": 1.0}
         height = self.emit({"type": "vector_math", "operation": "DOT_PRODUCT", **inputs})
         settings = {"invert": False, "strength": 1.0, "distance": 1.0, "filter_width": BUMP_WIDTH, "normal": None}
-        bump = {"type": "bump", **settings, "height": {"node": height, "output": "value"}}
+        bump = {"type": "bump", "base": base, **settings, "height": {"node": height, "output": "value"}}
         return {"node": self.emit(bump), "output": "normal"}
 
     def emit(self, node: dict[str, Any]) -> int:

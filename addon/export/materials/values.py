@@ -12,7 +12,7 @@ from .coordinates import texture_vector
 from .graph import IS_INLINED, Source, convert
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
-from .translation import TranslateValue, Translation
+from .translation import SURFACE_BEFORE, TranslateValue, Translation
 from .vectors import VECTOR_VALUES, transformed
 
 Field = tuple[str, str | int, Any]
@@ -424,7 +424,9 @@ def _normal_map(t: Translation, source: Source) -> Any:
             t.warn(f"node '{node.name}': where this old space turns normals away from the camera, Cycles is brighter")
         if IS_INLINED and settings == {"space": "tangent", "uv_map": ""}:
             t.attributes[ANY_UV_MAP] = node.name  # Before Blender 5.0 it is known what Cycles takes without one.
-        return {"type": "normal_map", **settings, "strength": strength, "color": color}
+        is_plain = t.displacement is None or getattr(node, "base", "ORIGINAL") == "DISPLACED"
+        base = "shaded" if is_plain else SURFACE_BEFORE
+        return {"type": "normal_map", **settings, "strength": strength, "color": color, "base": base}
 
     return {"node": t.once(source, description), "output": "normal"}
 
@@ -508,6 +510,14 @@ VALUES: dict[str, TranslateValue] = {
         ("scale", "Scale", 1.0),
         ("normal", "Normal", None),
         properties={"world_space": ("space", lambda space: space == "WORLD")},
+    ),
+    "ShaderNodeVectorDisplacement": _simple(
+        "vector_displacement",
+        "vector",
+        ("vector", "Vector", [0.8] * 3),
+        ("midlevel", "Midlevel", 0.0),
+        ("scale", "Scale", 1.0),
+        properties={"space": ("space", str.lower)},
     ),
     "ShaderNodeNormalMap": _normal_map,
     "ShaderNodeBump": _bump,

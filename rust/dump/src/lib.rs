@@ -19,6 +19,7 @@
 //! starts at the camera position, or at an *origin record* (lobe code 7, not a segment) where the camera is not a
 //! pinhole. A segment of throughput 0 only moves a path on. Segments behind transparent surfaces and null collisions
 //! *continue* a ray, which crosses a light once however many pieces it has. Every pixel has exactly as many paths as the pass has samples, so half of them can be taken by path number.
+//! Where lights have rules of their own, such as shadow linking, receiver numbers count classes too ([`SegmentClasses`]).
 //! Positions are 16-bit coordinates in the shard's bounding box ([`Grid`]), which the metadata holds with the tile, the
 //! samples, and a BLAKE3 checksum of everything.
 

@@ -8,7 +8,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use relume_scene as scene;
-use relume_session::trace::{TraceSettings, shading::constant_emission};
+use relume_session::trace::{TraceSettings, displace, shading::constant_emission};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -56,7 +56,8 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (name, positions, corner_verts, face_starts, *, vertex_normals=None, corner_normals=None,
-        sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None, texture_space=None, shown_by=None))]
+        sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None, texture_space=None,
+        displacement_normals=None, turns_corner_normals=false, shown_by=None))]
     fn add_mesh(
         &mut self,
         py: Python<'_>,
@@ -71,6 +72,8 @@ impl PySceneBuilder {
         color_attributes: Option<&Bound<'_, PyDict>>,
         material_slots: Option<&Bound<'_, PyAny>>,
         texture_space: Option<[[f32; 3]; 2]>,
+        displacement_normals: Option<&Bound<'_, PyAny>>,
+        turns_corner_normals: bool,
         shown_by: Option<&str>,
     ) -> PyResult<usize> {
         let positions = Array::<f32>::borrow("positions", positions)?;
@@ -79,6 +82,7 @@ impl PySceneBuilder {
         let optional = |name, object: Option<_>| object.map(|o| Array::<f32>::borrow(name, o)).transpose();
         let vertex_normals = optional("vertex_normals", vertex_normals)?;
         let corner_normals = optional("corner_normals", corner_normals)?;
+        let displacement_normals = optional("displacement_normals", displacement_normals)?;
         let sharp_faces = sharp_faces.map(|o| Array::<bool>::borrow("sharp_faces", o)).transpose()?;
         let material_slots = material_slots.map(|o| Array::<i32>::borrow("material_slots", o)).transpose()?;
         let coords = named_arrays("uv_maps", uv_maps)?;
@@ -97,6 +101,8 @@ impl PySceneBuilder {
             uv_maps: regrouped::<Vec2>(&coords)?,
             color_attributes: regrouped::<[f32; 4]>(&colors)?,
             material_slots: material_slots.as_ref().map_or(Ok(&[][..]), Array::cast)?,
+            displacement_normals: displacement_normals.as_ref().map(Array::cast).transpose()?,
+            turns_corner_normals,
         };
         let (mut mesh, damage) =
             enter_native(py, || polygons.triangulate().map(|mesh| (mesh, polygons.damage())))?;
@@ -385,7 +391,11 @@ impl PySceneBuilder {
 
     fn build(&mut self, py: Python<'_>) -> PyResult<PyScene> {
         let builder = std::mem::take(&mut self.builder);
-        let scene = enter_native(py, || builder.build())?;
+        let scene = enter_native(py, || {
+            let mut scene = builder.build()?;
+            displace(&mut scene);
+            Ok::<_, scene::BuildError>(scene)
+        })?;
         Ok(PyScene { scene: Arc::new(scene) })
     }
 }
@@ -576,6 +586,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
         "materials": scene.materials,
         "meshes": scene.meshes.iter().map(|m| serde_json::json!({
             "name": m.name, "triangles": m.triangles.len(), "smooth": !m.corner_normals.is_empty(),
+            "displaced": m.undisplaced.is_some(),
             "color_attributes": m.color_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
             "uv_maps": m.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),

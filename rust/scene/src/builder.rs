@@ -122,6 +122,7 @@ impl SceneBuilder {
             || wrong(mesh.material_slots.len(), mesh.triangles.len())
             || mesh.uv_maps.iter().any(|map| map.coords.len() != corners)
             || mesh.color_attributes.iter().any(|attribute| attribute.colors.len() != corners)
+            || !mesh.has_sound_displacement()
         {
             "its arrays differ in length"
         } else if !mesh.positions.iter().all(|p| p.is_finite()) {
@@ -258,8 +259,10 @@ fn check_links(material: &Value) -> Result<(), String> {
             }
         }
     }
-    for root in ["surface", "volume"] {
-        let node = &material[root];
+    let displacement = &material["displacement"]["offset"]["node"];
+    for (root, node) in
+        [("surface", &material["surface"]), ("volume", &material["volume"]), ("displacement", displacement)]
+    {
         if !node.is_null() && node.as_u64().is_none_or(|node| node >= nodes.len() as u64) {
             return Err(format!("its {root} node does not exist"));
         }

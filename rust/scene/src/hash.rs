@@ -96,6 +96,10 @@ fn hash_mesh(hasher: &mut Hasher, mesh: &Mesh) {
     bytes(hasher, cast_slice(mesh.texture_space.as_slice()));
     hash_uv_maps(hasher, &mesh.uv_maps);
     hash_attributes(hasher, &mesh.color_attributes);
+    if let Some(before) = &mesh.undisplaced {
+        bytes(hasher, cast_slice(&before.positions));
+        bytes(hasher, cast_slice(&before.corner_normals));
+    }
 }
 
 fn hash_uv_maps(hasher: &mut Hasher, maps: &[UvMap]) {
@@ -186,7 +190,7 @@ mod tests {
     use glam::{Affine3A, Vec3};
 
     use super::*;
-    use crate::{DenseGrid, GridInterpolation, GridSet, Light, LightShape};
+    use crate::{DenseGrid, GridInterpolation, GridSet, Light, LightShape, Undisplaced};
 
     fn scene() -> Scene {
         Scene {
@@ -206,7 +210,8 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 15] = [
+        let changes: [fn(&mut Scene); 17] = [
+            |scene| scene.meshes[0].undisplaced = Some(Undisplaced::default()),
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
             |scene| scene.instances[0].density_factor = 0.5,

@@ -10,6 +10,7 @@ mod builder;
 mod camera;
 mod curves;
 mod damage;
+mod displacement;
 mod geometry;
 mod grid;
 mod hair;
@@ -40,6 +41,7 @@ pub use blender_light::{
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
 pub use curves::{Curves, StrandLengths, StrandShape};
+pub use displacement::{Displaceable, Displacement, Undisplaced};
 pub use geometry::Geometry;
 pub use glam;
 pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};
@@ -51,7 +53,7 @@ pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use node::Node;
 pub use node_settings::{
     Alpha, BlendMode, ColorMode, Curve, Distribution, MapRangeKind, MappingKind, MathOp, MetalFresnel,
-    MixData, MultipleScattering, NormalSpace, SheenModel, TexCoord, ToonComponent, VectorMathOp,
+    MixData, MultipleScattering, NormalSpace, SheenModel, SurfaceBase, TexCoord, ToonComponent, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use phase::PhaseFunction;

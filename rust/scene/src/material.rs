@@ -3,7 +3,7 @@
 //! The exporter flattens groups and reroutes, folds constants, bakes ramps and curves to tables, and names what it
 //! could not translate in [`crate::Scene::warnings`]. A graph is evaluated front to back for each hit.
 
-use crate::Node;
+use crate::{Displacement, Node};
 
 /// Index into [`Material::nodes`]; a node refers only to nodes before it.
 pub type NodeId = u32;
@@ -20,6 +20,9 @@ pub struct Material {
     /// The closure node of the medium that fills the inside of closed meshes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub volume: Option<NodeId>,
+    /// What it does to the vertices of meshes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub displacement: Option<Displacement>,
     /// True if shadow rays meet its transparent parts as if they were opaque (Cycles' Transparent Shadows switched off).
     #[serde(default, skip_serializing_if = "is_false")]
     pub opaque_shadows: bool,

@@ -1,6 +1,6 @@
 use glam::{Affine3A, BVec3, Vec2, Vec3};
 
-use crate::{Geometry, Scene};
+use crate::{Displaceable, Geometry, Scene, Undisplaced};
 
 /// A triangle mesh in object space. Corner `3 t + c` is corner `c` of triangle `t`.
 #[derive(Clone, Debug, Default)]
@@ -22,6 +22,10 @@ pub struct Mesh {
     /// Centre and half size of the box of generated coordinates (Blender's texture space); that of the positions if
     /// there is none. Modifiers leave it as it was without them.
     pub texture_space: Option<[Vec3; 2]>,
+    /// Nothing if no material is to displace it, or one has.
+    pub displaceable: Option<Displaceable>,
+    /// Its shape before it was displaced; nothing if it was not.
+    pub undisplaced: Option<Undisplaced>,
 }
 
 impl Mesh {

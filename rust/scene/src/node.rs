@@ -2,8 +2,8 @@ use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, ImageProjection, Input,
     Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId,
-    NormalSpace, PhaseFunction, PrincipledHair, Procedural, SheenModel, Subsurface, TexCoord, Tile,
-    ToonComponent, VectorMathOp,
+    NormalSpace, PhaseFunction, PrincipledHair, Procedural, SheenModel, Subsurface, SurfaceBase, TexCoord,
+    Tile, ToonComponent, VectorMathOp,
 };
 
 with_sockets! {
@@ -220,6 +220,8 @@ with_sockets! {
             uv_map: String,
             strength: Input,
             color: Input,
+            #[serde(default, skip_serializing_if = "SurfaceBase::is_default")]
+            base: SurfaceBase,
         },
         /// `filter_width` is the step of the finite differences in pixels: a socket in recent versions, 1 in Blender 4.2.
         Bump {
@@ -230,6 +232,8 @@ with_sockets! {
             filter_width: Input,
             height: Input,
             normal: Option<Input>,
+            #[serde(default, skip_serializing_if = "SurfaceBase::is_default")]
+            base: SurfaceBase,
         },
         /// A displacement as a vector in world space, whose height is in object or world space.
         Displacement {
@@ -238,6 +242,14 @@ with_sockets! {
             midlevel: Input,
             scale: Input,
             normal: Option<Input>,
+        },
+        /// A displacement as a vector in world space; `space` is that of `vector`, tangent space by the active UV map with y along
+        /// the normal.
+        VectorDisplacement {
+            space: NormalSpace,
+            vector: Input,
+            midlevel: Input,
+            scale: Input,
         },
         // Colour and maths.
         Mix {

@@ -127,6 +127,26 @@ pub enum NormalSpace {
     BlenderWorld,
 }
 
+/// Surface on which a Bump node takes its heights, and a normal map its tangent space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SurfaceBase {
+    /// The one that is shaded.
+    #[default]
+    Shaded,
+    /// The one before displacement.
+    Undisplaced,
+    /// Places and tangents from before displacement, normals that are shaded, as in Blender before 5.0.
+    UndisplacedPlaces,
+}
+
+impl SurfaceBase {
+    /// True for the surface that is shaded.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Data type of a Mix node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]

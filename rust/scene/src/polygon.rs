@@ -1,7 +1,7 @@
 //! Blender's polygon meshes to triangles, with the result of Blender's own tessellation.
 
 use crate::damage::{can_be_met, sound_color, sound_uv};
-use crate::{ColorAttribute, Mesh, UvMap};
+use crate::{ColorAttribute, Displaceable, Mesh, UvMap};
 use earcut::Earcut;
 use glam::{Vec2, Vec3};
 
@@ -26,6 +26,10 @@ pub struct PolygonMesh<'a> {
     pub color_attributes: Vec<(String, &'a [[f32; 4]])>,
     /// Material slot of each face; empty if all are slot 0.
     pub material_slots: &'a [i32],
+    /// Normals, one a vertex, if a material displaces it.
+    pub displacement_normals: Option<&'a [Vec3]>,
+    /// See [`Displaceable::turns_corner_normals`].
+    pub turns_corner_normals: bool,
 }
 
 /// Shading normals of a polygon mesh, unit length.
@@ -92,6 +96,11 @@ impl PolygonMesh<'_> {
                 .iter()
                 .map(|(name, _)| ColorAttribute { name: name.clone(), colors: Vec::new() })
                 .collect(),
+            displaceable: self.displacement_normals.map(|normals| Displaceable {
+                vertex_normals: normals.iter().map(|normal| normal.normalize_or_zero()).collect(),
+                flat_triangles: Vec::new(),
+                turns_corner_normals: self.turns_corner_normals,
+            }),
             ..Mesh::default()
         };
         out.triangles.reserve(self.corner_verts.len().saturating_sub(2 * self.face_starts.len()));
@@ -138,6 +147,9 @@ impl PolygonMesh<'_> {
             let usable = |normal: Vec3| normal.try_normalize().unwrap_or(flat_normal.as_vec3());
             out.corner_normals.extend(corners.map(|corner| usable(normal_of(corner))));
         }
+        if let Some(displaceable) = out.displaceable.as_mut().filter(|_| !self.sharp_faces.is_empty()) {
+            displaceable.flat_triangles.push(flat);
+        }
         out.triangles.push(corners.map(|c| self.corner_verts[c] as u32));
         for (map, (_, coords)) in out.uv_maps.iter_mut().zip(&self.uv_maps) {
             map.coords.extend(corners.map(|c| sound_uv(coords[c])));
@@ -182,6 +194,9 @@ impl PolygonMesh<'_> {
             PolygonNormals::Corner(normals) => {
                 self.check_length("corner normals", normals.len(), corners)?;
             }
+        }
+        if let Some(normals) = self.displacement_normals {
+            self.check_length("displacement normals", normals.len(), self.positions.len())?;
         }
         for (name, coords) in &self.uv_maps {
             self.check_length(&format!("UV map '{name}'"), coords.len(), corners)?;
@@ -278,6 +293,8 @@ mod tests {
             uv_maps: Vec::new(),
             color_attributes: Vec::new(),
             material_slots: &[],
+            displacement_normals: None,
+            turns_corner_normals: false,
         }
     }
 

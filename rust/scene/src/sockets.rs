@@ -4,8 +4,8 @@ use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
     HairPigment, ImageProjection, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel,
     Metric, MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel,
-    TexCoord, Tile, ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind,
-    WaveProfile,
+    SurfaceBase, TexCoord, Tile, ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection,
+    WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -36,7 +36,17 @@ macro_rules! properties {
 }
 
 properties![bool, f32, usize, NodeId, String, ImageProjection, Vec<Tile>];
-properties![BlendMode, ColorMode, Curve, Distribution, Extension, Interpolation, MapRangeKind, MappingKind];
+properties![
+    BlendMode,
+    SurfaceBase,
+    ColorMode,
+    Curve,
+    Distribution,
+    Extension,
+    Interpolation,
+    MapRangeKind,
+    MappingKind
+];
 properties![HairComponent, HairModel, HairPigment, MetalFresnel, SheenModel, ToonComponent];
 properties![MathOp, MixData, MultipleScattering, NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp];
 properties![Dimensions, GradientKind, Metric, NoiseKind, VoronoiFeature, VoronoiHash];

@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::{Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Displacement, Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -145,6 +145,10 @@ impl Scene {
         if material.volume.is_some_and(|volume| volume as usize >= material.nodes.len()) {
             return Some("its volume node does not exist".to_owned());
         }
+        let is_missing = |displacement: &Displacement| matches!(displacement.offset, Input::Link { node, .. } if node as usize >= material.nodes.len());
+        if material.displacement.as_ref().is_some_and(is_missing) {
+            return Some("its displacement node does not exist".to_owned());
+        }
         let is_too_bright = material.nodes.iter().any(|node| glow(node) > MOST_RADIANCE);
         is_too_bright
             .then(|| format!("it glows brighter than {MOST_RADIANCE:e}; lower its emission strength"))
@@ -206,6 +210,7 @@ fn mesh_fault(mesh: &Mesh, scene: &Scene) -> Option<String> {
         || differs(mesh.material_slots.len(), mesh.triangles.len())
         || mesh.uv_maps.iter().any(|map| map.coords.len() != corners)
         || mesh.color_attributes.iter().any(|attribute| attribute.colors.len() != corners)
+        || !mesh.has_sound_displacement()
     {
         Some("its arrays differ in length; validate the mesh".to_owned())
     } else {

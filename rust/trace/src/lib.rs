@@ -9,6 +9,7 @@ pub mod bsdf;
 pub mod bvh;
 pub mod camera;
 mod discrete;
+mod displace;
 mod emitters;
 mod environment;
 pub mod filter;
@@ -27,6 +28,7 @@ mod strand;
 mod subsurface;
 mod vertex;
 
+pub use displace::displace;
 pub use guide::{Guide, hit_probability};
 pub use integrator::{PathScratch, PathSink};
 pub use media::reaches_beyond;

@@ -3,7 +3,14 @@
 Each builder fills an empty scene that `stage.set_up` has made: a floor, a wall and a camera that looks at the origin.
 """
 
-from . import hair, images, media, rays, skin
+from . import displacement, hair, images, media, rays, skin
 
-SCENES = {**media.SCENES, **skin.SCENES, **hair.SCENES, **rays.SCENES, **images.SCENES}
+SCENES = {
+    **media.SCENES,
+    **skin.SCENES,
+    **hair.SCENES,
+    **rays.SCENES,
+    **displacement.SCENES,
+    **images.SCENES,
+}
 """Builders by the names of their scenes."""

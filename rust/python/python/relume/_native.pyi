@@ -34,13 +34,16 @@ class SceneBuilder:
         color_attributes: dict[str, NDArray[np.float32]] | None = None,
         material_slots: NDArray[np.int32] | None = None,
         texture_space: list[list[float]] | None = None,
+        displacement_normals: NDArray[np.float32] | None = None,
+        turns_corner_normals: bool = False,
         shown_by: str | None = None,
     ) -> int:
         """A polygon mesh in object space: positions [V, 3], vertex of each corner [C], first corner of each face
         [F], normals [V, 3] or [C, 3] (flat without), UV maps [C, 2] and linear colours [C, 4] with
         the render one first, slots [F]. The texture space is the centre and half size of the box of generated
-        coordinates, that of the positions without. What is not finite is left out or replaced, and named in a
-        warning by the object that shows the mesh, if one is told."""
+        coordinates, that of the positions without. Normals of displacement [V, 3] are given where a material
+        displaces the mesh: those of corners are replaced, or turned as far as the vertices' turn. What is not
+        finite is left out or replaced, and named in a warning by the object that shows the mesh, if one is told."""
 
     def add_curves(
         self,

@@ -31,7 +31,9 @@ pub fn generated(context: &ShadingContext) -> Vec3 {
     if let Some(root) = strands::generated(context) {
         return root;
     }
-    let position = context.prepared.object_position(context.point.instance, context.point.position);
+    let position = context
+        .undisplaced_position()
+        .unwrap_or_else(|| context.prepared.object_position(context.point.instance, context.point.position));
     let Some((min, size)) = context.prepared.bounds(context.point.geometry) else { return position };
     let relative = position - min;
     Vec3::select(size.cmpgt(Vec3::ZERO), relative / size, Vec3::splat(0.5))

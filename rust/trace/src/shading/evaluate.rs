@@ -1,7 +1,7 @@
 //! Values of nodes at a surface point.
 
 use glam::{Vec2, Vec3, Vec4};
-use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Scene};
+use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Scene, SurfaceBase};
 
 use super::coordinates;
 use super::graph::{Aid, Graph, rotation};
@@ -140,6 +140,10 @@ impl<'a> ShadingContext<'a> {
                 let height = (known.float(height) - known.float(midlevel)) * known.float(scale);
                 self.displacement(*world_space, along, height)
             }
+            Node::VectorDisplacement { space, vector, midlevel, scale } => {
+                let vector = (known.vector(vector) - known.float(midlevel)) * known.float(scale);
+                self.vector_displacement(*space, vector, self.attribute(index))
+            }
             Node::Mapping { kind, vector, location, rotation: angles, scale } => {
                 let rotation = match &self.graph.aids[index] {
                     Aid::Rotation(rotation) => *rotation,
@@ -148,11 +152,18 @@ impl<'a> ShadingContext<'a> {
                 let (location, scale) = (known.vector(location), known.vector(scale));
                 coordinates::mapping(*kind, known.vector(vector), location, rotation, scale)
             }
-            Node::NormalMap { space, strength, color, .. } => {
+            Node::NormalMap { space, strength, color, base, .. } => {
                 let color = known.vector(color) * 2.0 - 1.0;
-                self.normal_map(*space, self.attribute(index), known.float(strength), color)
+                let (uv_map, strength) = (self.attribute(index), known.float(strength));
+                match (space, base, self.undisplaced()) {
+                    (NormalSpace::Tangent, SurfaceBase::Undisplaced, Some(_)) => {
+                        self.undisplaced_normal_map(uv_map, strength, color)
+                    }
+                    _ => self.normal_map(*space, *base, uv_map, strength, color),
+                }
             }
-            Node::Bump { .. } => self.bump(index, values, scratch),
+            Node::Bump { base: SurfaceBase::Shaded, .. } => self.bump(index, values, scratch),
+            Node::Bump { base, .. } => self.undisplaced_bump(index, *base, values, scratch),
             Node::Geometry => self.point.shading_normal,
             Node::ObjectInfo => return Vec4::from(self.instance().color),
             Node::Fresnel { ior, normal } => {
@@ -231,7 +242,7 @@ impl<'a> ShadingContext<'a> {
         world_from_object * in_object * height
     }
 
-    fn interpolate<T>(&self, at_corner: impl Fn(usize) -> T) -> T
+    pub(super) fn interpolate<T>(&self, at_corner: impl Fn(usize) -> T) -> T
     where
         T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
     {
@@ -253,14 +264,21 @@ impl<'a> ShadingContext<'a> {
         normal.cross(tangent.cross(normal).normalize_or_zero())
     }
 
-    fn normal_map(&self, space: NormalSpace, uv_map: usize, strength: f32, color: Vec3) -> Vec3 {
+    pub(super) fn normal_map(
+        &self,
+        space: NormalSpace,
+        base: SurfaceBase,
+        uv_map: usize,
+        strength: f32,
+        color: Vec3,
+    ) -> Vec3 {
         let point = self.point;
         let side = if point.backfacing { -1.0 } else { 1.0 };
         let smooth = point.shading_normal;
         let blender_axes = Vec3::new(1.0, -1.0, -1.0);
         let normal = match space {
             NormalSpace::Tangent => {
-                let tangents = self.prepared.tangents(point.geometry, uv_map);
+                let tangents = self.prepared.tangents(point.geometry, uv_map, base);
                 let Some(tangents) = tangents.filter(|_| self.mesh().is_some()) else { return smooth };
                 let tangent = self.interpolate(|corner| tangents[corner].truncate());
                 let sign = self.interpolate(|corner| tangents[corner].w);
@@ -296,7 +314,7 @@ impl<'a> ShadingContext<'a> {
     /// `filter_width` times the ray's footprint.
     fn bump(&self, index: usize, values: &[Vec4], scratch: &mut [Vec4]) -> Vec3 {
         let known = Known { context: self, values };
-        let Node::Bump { invert, strength, distance, filter_width, height, normal } =
+        let Node::Bump { invert, strength, distance, filter_width, height, normal, .. } =
             &self.graph.nodes[index]
         else {
             return self.point.shading_normal;
@@ -317,15 +335,9 @@ impl<'a> ShadingContext<'a> {
             shifted.run(needed, scratch, &mut []);
             Known { context: &shifted, values: scratch }.float(height)
         };
-        let (along_x, along_y) = (height_at(dx) - here, height_at(dy) - here);
-        let (rx, ry) = (dy.cross(normal), normal.cross(dx));
-        let determinant = dx.dot(rx);
-        let gradient = (rx * along_x + ry * along_y) * determinant.signum();
+        let along = [height_at(dx) - here, height_at(dy) - here];
         let distance = known.float(distance) * if *invert { -1.0 } else { 1.0 };
-        let bumped = (normal * determinant.abs() - gradient * distance).normalize_or_zero();
-        if bumped == Vec3::ZERO {
-            return normal;
-        }
+        let Some(bumped) = bumped(normal, [dx, dy], along, distance) else { return normal };
         normal.lerp(bumped, known.float(strength).max(0.0)).normalize_or(normal)
     }
 
@@ -341,4 +353,18 @@ impl<'a> ShadingContext<'a> {
         let facing = 1.0 - cos.abs().powf(exponent);
         Vec4::new(fresnel, facing, 0.0, 1.0)
     }
+}
+
+/// Unit normal of a surface that rises above another one along two steps upon it, times `distance`; nothing where it has
+/// none.
+pub(super) fn bumped(
+    normal: Vec3,
+    [dx, dy]: [Vec3; 2],
+    [along_x, along_y]: [f32; 2],
+    distance: f32,
+) -> Option<Vec3> {
+    let (rx, ry) = (dy.cross(normal), normal.cross(dx));
+    let determinant = dx.dot(rx);
+    let gradient = (rx * along_x + ry * along_y) * determinant.signum();
+    (normal * determinant.abs() - gradient * distance).try_normalize()
 }

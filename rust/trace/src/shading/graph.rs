@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use glam::{Mat3, Vec3, Vec4};
-use relume_scene::{Input, Material, Node, NodeId, Output};
+use relume_scene::{Displacement, Input, Material, Node, NodeId, NormalSpace, Output};
 
 use super::principled::Parameters;
 use super::values::{NodeInputs, component, evaluate_pure};
@@ -21,12 +21,25 @@ pub struct Graph {
     pub surface: Option<NodeId>,
     /// The root closure of the medium.
     pub volume: Option<NodeId>,
+    /// Offset of vertices.
+    pub displacement: Option<Offset>,
     /// For each closure node, the value nodes to evaluate before it, in order.
     pub needs: Vec<Vec<NodeId>>,
     /// Parts of a node that can be computed beforehand.
     pub aids: Vec<Aid>,
     /// True if light that leaves a body does so by another normal than the mesh's.
     pub bends_exits: bool,
+}
+
+/// Offset of vertices, world space.
+#[derive(Clone, Debug)]
+pub struct Offset {
+    /// Value of the offset.
+    pub input: Input,
+    /// The value nodes that it depends on, in order.
+    pub needs: Vec<NodeId>,
+    /// See [`relume_scene::Displacement::keeps_normals`].
+    pub keeps_normals: bool,
 }
 
 /// Precomputed part of a node.
@@ -86,6 +99,7 @@ impl Graph {
         let mut graph = Self {
             surface,
             volume,
+            displacement: None,
             needs: vec![Vec::new(); nodes.len()],
             aids: Vec::new(),
             bends_exits,
@@ -103,8 +117,20 @@ impl Graph {
             too_many("volume");
             graph.volume = None;
         }
+        graph.displacement = material.displacement.map(|Displacement { offset, keeps_normals }| Offset {
+            input: offset,
+            needs: graph.needed_by(&offset),
+            keeps_normals,
+        });
         graph.aids = (0..graph.nodes.len()).map(|node| graph.aid(node, names)).collect();
         (graph, warnings)
+    }
+
+    /// The value nodes that `input` depends on, in order.
+    fn needed_by(&self, input: &Input) -> Vec<NodeId> {
+        let mut found = BTreeSet::new();
+        self.collect(input, &mut found);
+        found.into_iter().collect()
     }
 
     /// The value nodes that `input` depends on, itself included.
@@ -243,11 +269,12 @@ impl Graph {
                 names.tangents.insert(number);
                 Aid::Attribute(number)
             }
-            Node::Bump { height, .. } => {
-                let mut found = BTreeSet::new();
-                self.collect(height, &mut found);
-                Aid::Height(found.into_iter().collect())
+            Node::VectorDisplacement { space: NormalSpace::Tangent, .. } => {
+                let number = number_of(&mut names.uv_maps, "");
+                names.tangents.insert(number);
+                Aid::Attribute(number)
             }
+            Node::Bump { height, .. } => Aid::Height(self.needed_by(height)),
             Node::ImageTexture { .. } if self.is_used(node as NodeId, Output::Alpha) => Aid::StraightColor,
             Node::Procedural(_) if self.is_used(node as NodeId, Output::Color) => Aid::Colored,
             _ => Aid::None,

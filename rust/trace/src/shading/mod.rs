@@ -7,6 +7,7 @@ mod closures;
 mod color;
 mod constant;
 mod coordinates;
+mod displacement;
 mod evaluate;
 mod fields;
 mod graph;

@@ -1,13 +1,14 @@
-use glam::{Affine3A, Mat3A, Vec3, Vec4};
+use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec4};
 use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Scene, UvMap,
+    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Scene,
+    SurfaceBase, UvMap,
 };
 
 use super::closures::shade;
 use super::evaluate::ShadingContext;
 use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
-use super::tangents::{corner_tangents, spherical_coords};
+use super::tangents::{corner_tangents, spherical_coords, undisplaced_positions};
 use super::texture::{PreparedTexture, equirectangular};
 use super::volumes::shade_medium;
 use super::{Hit, MediumPoint, RayInfo, StrandPoint, SurfacePoint};
@@ -55,6 +56,8 @@ struct Attributes {
     uv_maps: Vec<Option<usize>>,
     /// Corner tangents by UV map name.
     tangents: Vec<Option<Vec<Vec4>>>,
+    /// Those before displacement; none of what was not displaced.
+    undisplaced_tangents: Vec<Option<Vec<Vec4>>>,
     named: Vec<Option<NamedAttribute>>,
 }
 
@@ -284,8 +287,10 @@ impl PreparedMaterials {
     }
 
     /// Corner tangents of the UV map with this name number.
-    pub(super) fn tangents(&self, geometry: Geometry, name: usize) -> Option<&[Vec4]> {
-        self.attributes(geometry).tangents[name].as_deref()
+    pub(super) fn tangents(&self, geometry: Geometry, name: usize, base: SurfaceBase) -> Option<&[Vec4]> {
+        let Attributes { tangents, undisplaced_tangents, .. } = self.attributes(geometry);
+        let before = undisplaced_tangents.get(name).filter(|_| base != SurfaceBase::Shaded);
+        before.unwrap_or(&tangents[name]).as_deref()
     }
 
     /// Corners and their unit shading normals of the triangle that `point` is on, in world space; nothing if its mesh is
@@ -304,7 +309,7 @@ impl PreparedMaterials {
         Some((corners, normals.map(|normal| self.world_normal(point.instance, normal))))
     }
 
-    fn object_direction(&self, instance: u32, world: Vec3) -> Vec3 {
+    pub(super) fn object_direction(&self, instance: u32, world: Vec3) -> Vec3 {
         self.transforms[instance as usize].object_from_world.transform_vector3(world)
     }
 
@@ -332,8 +337,9 @@ impl PreparedMesh {
 /// Lower corner and size of the box of generated coordinates. Of a mesh that lies in the box's middle plane the size is 0:
 /// its points are in the middle, whatever their position was rounded to.
 fn bounds(mesh: &Mesh) -> (Vec3, Vec3) {
-    let min = mesh.positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
-    let max = mesh.positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
+    let positions = undisplaced_positions(mesh);
+    let min = positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);
+    let max = positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
     let Some([center, half]) = mesh.texture_space else { return (min, max - min) };
     let in_middle = min.cmpeq(center) & max.cmpeq(center);
     (center - half, Vec3::select(in_middle, Vec3::ZERO, half * 2.0))
@@ -376,7 +382,12 @@ fn attributes_of_curves(curves: &Curves, names: &Names) -> Attributes {
             .or_else(|| find_named_uv(name, &curves.uv_maps))
     });
     let tangents = vec![None; names.uv_maps.len()];
-    Attributes { uv_maps: find_uv_maps(&curves.uv_maps, names), tangents, named: named.collect() }
+    Attributes {
+        uv_maps: find_uv_maps(&curves.uv_maps, names),
+        tangents,
+        undisplaced_tangents: Vec::new(),
+        named: named.collect(),
+    }
 }
 
 fn attributes_of_points(points: &Points, names: &Names) -> Attributes {
@@ -386,33 +397,47 @@ fn attributes_of_points(points: &Points, names: &Names) -> Attributes {
             .or_else(|| find_named_uv(name, &points.uv_maps))
     });
     let tangents = vec![None; names.uv_maps.len()];
-    Attributes { uv_maps: find_uv_maps(&points.uv_maps, names), tangents, named: named.collect() }
+    Attributes {
+        uv_maps: find_uv_maps(&points.uv_maps, names),
+        tangents,
+        undisplaced_tangents: Vec::new(),
+        named: named.collect(),
+    }
 }
 
 /// Finds named attributes of a mesh.
 fn find_attributes(mesh: &Mesh, names: &Names) -> Attributes {
     let uv_maps = find_uv_maps(&mesh.uv_maps, names);
-    let tangents = (0..uv_maps.len())
-        .map(|number| {
+    let tangents = |positions: &[Vec3], normals: &[Vec3]| {
+        let tangents = |(number, map): (usize, &Option<usize>)| {
             if !names.tangents.contains(&number) {
                 return None;
             }
-            let is_default = names.uv_maps[number].is_empty();
-            match uv_maps[number] {
-                Some(map) => Some(corner_tangents(mesh, &mesh.uv_maps[map].coords)),
-                None if is_default => {
+            let of_coords = |coords: &[Vec2]| corner_tangents(&mesh.triangles, positions, normals, coords);
+            match map {
+                Some(map) => Some(of_coords(&mesh.uv_maps[*map].coords)),
+                None if names.uv_maps[number].is_empty() => {
                     let (min, size) = bounds(mesh);
-                    Some(corner_tangents(mesh, &spherical_coords(mesh, min, size)))
+                    Some(of_coords(&spherical_coords(mesh, min, size)))
                 }
                 None => None,
             }
-        })
-        .collect();
+        };
+        uv_maps.iter().enumerate().map(tangents).collect::<Vec<_>>()
+    };
+    let undisplaced_tangents =
+        mesh.undisplaced.as_ref().map(|before| tangents(&before.positions, &before.corner_normals));
+    let tangents = tangents(&mesh.positions, &mesh.corner_normals);
     let named = names.attributes.iter().map(|name| {
         let color = find_color(name, &mesh.color_attributes).map(NamedAttribute::Color);
         color.or_else(|| find_named_uv(name, &mesh.uv_maps))
     });
-    Attributes { uv_maps, tangents, named: named.collect() }
+    Attributes {
+        tangents,
+        undisplaced_tangents: undisplaced_tangents.unwrap_or_default(),
+        named: named.collect(),
+        uv_maps,
+    }
 }
 
 #[cfg(test)]

@@ -9,20 +9,33 @@ use relume_scene::Mesh;
 /// Tangent that Cycles takes where texture coordinates do not tell.
 const NO_TANGENT: Vec4 = Vec4::new(1.0, 0.0, 0.0, -1.0);
 
-/// Object-space tangent and handedness of each corner, by its texture coordinates.
-pub fn corner_tangents(mesh: &Mesh, coords: &[Vec2]) -> Vec<Vec4> {
-    let mut corners = Corners { mesh, coords, tangents: vec![NO_TANGENT; 3 * mesh.triangles.len()] };
+/// Positions of vertices before displacement, from which Cycles knows generated coordinates.
+pub fn undisplaced_positions(mesh: &Mesh) -> &[Vec3] {
+    mesh.undisplaced.as_ref().map_or(&mesh.positions, |before| &before.positions)
+}
+
+/// Object-space tangent and handedness of each corner of triangles, by its texture coordinates. Without normals of corners
+/// the triangles are flat.
+pub fn corner_tangents(
+    triangles: &[[u32; 3]],
+    positions: &[Vec3],
+    normals: &[Vec3],
+    coords: &[Vec2],
+) -> Vec<Vec4> {
+    let tangents = vec![NO_TANGENT; 3 * triangles.len()];
+    let mut corners = Corners { triangles, positions, normals, coords, tangents };
     match generate_tangents(&mut corners) {
         Ok(()) => corners.tangents,
-        Err(_) => vec![NO_TANGENT; 3 * mesh.triangles.len()],
+        Err(_) => vec![NO_TANGENT; 3 * triangles.len()],
     }
 }
 
 /// Texture coordinates of corners by which Cycles finds the tangents of a mesh without a UV map: longitude and latitude as seen from
 /// the middle of its generated coordinates, whose box starts at `min`.
 pub fn spherical_coords(mesh: &Mesh, min: Vec3, size: Vec3) -> Vec<Vec2> {
+    let positions = undisplaced_positions(mesh);
     let from_middle = |vertex: u32| {
-        let relative = (mesh.positions[vertex as usize] - min) / size - 0.5;
+        let relative = (positions[vertex as usize] - min) / size - 0.5;
         Vec3::select(size.cmpgt(Vec3::ZERO), relative, Vec3::ZERO)
     };
     let coords = |vertex: &u32| {
@@ -39,20 +52,22 @@ pub fn spherical_coords(mesh: &Mesh, min: Vec3, size: Vec3) -> Vec<Vec2> {
 }
 
 struct Corners<'a> {
-    mesh: &'a Mesh,
+    triangles: &'a [[u32; 3]],
+    positions: &'a [Vec3],
+    normals: &'a [Vec3],
     coords: &'a [Vec2],
     tangents: Vec<Vec4>,
 }
 
 impl Corners<'_> {
     fn point(&self, face: usize, vert: usize) -> Vec3 {
-        self.mesh.positions[self.mesh.triangles[face][vert] as usize]
+        self.positions[self.triangles[face][vert] as usize]
     }
 }
 
 impl Geometry for Corners<'_> {
     fn num_faces(&self) -> usize {
-        self.mesh.triangles.len()
+        self.triangles.len()
     }
 
     fn num_vertices_of_face(&self, _face: usize) -> usize {
@@ -64,7 +79,7 @@ impl Geometry for Corners<'_> {
     }
 
     fn normal(&self, face: usize, vert: usize) -> [f32; 3] {
-        let smooth = self.mesh.corner_normals.get(3 * face + vert).copied();
+        let smooth = self.normals.get(3 * face + vert).copied();
         let flat = || {
             let [a, b, c] = [0, 1, 2].map(|vert| self.point(face, vert));
             (b - a).cross(c - a).normalize_or(Vec3::Z)
@@ -90,13 +105,12 @@ mod tests {
     #[test]
     fn tangents_follow_u_and_know_mirrored_maps() {
         let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
-        let mesh = Mesh { positions, triangles: vec![[0, 1, 2]], ..Mesh::default() };
         let straight = [Vec2::ZERO, Vec2::X, Vec2::Y];
         let mirrored = [Vec2::ZERO, -Vec2::X, Vec2::Y];
-        for tangent in corner_tangents(&mesh, &straight) {
+        for tangent in corner_tangents(&[[0, 1, 2]], &positions, &[], &straight) {
             assert!((tangent - Vec4::new(1.0, 0.0, 0.0, 1.0)).length() < 1e-5, "{tangent}");
         }
-        for tangent in corner_tangents(&mesh, &mirrored) {
+        for tangent in corner_tangents(&[[0, 1, 2]], &positions, &[], &mirrored) {
             assert!((tangent - Vec4::new(-1.0, 0.0, 0.0, -1.0)).length() < 1e-5, "{tangent}");
         }
     }

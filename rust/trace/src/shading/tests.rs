@@ -322,6 +322,7 @@ fn normal_maps_bend_along_the_tangents() {
             uv_map: String::new(),
             strength: Input::Float(strength),
             color: Input::Rgb(color),
+            base: Default::default(),
         }];
         value_of(nodes, Output::Normal)
     };
@@ -344,6 +345,7 @@ fn bump_follows_the_slope_of_its_height() {
             filter_width: Input::Float(0.1),
             height: link(1, Output::X),
             normal: None,
+            base: Default::default(),
         },
     ];
     let expected = Vec3::new(-0.5, 0.0, 1.0).normalize();

@@ -6,6 +6,7 @@
 //! | `mesh.N.positions` | F32 | vertices, 3 | of mesh N ([`relume_scene::Mesh`]) |
 //! | `mesh.N.triangles` | U32 | triangles, 3 | |
 //! | `mesh.N.corner_normals` | F32 | corners, 3 | no corners if every face is flat |
+//! | `mesh.N.undisplaced_positions`, `.undisplaced_normals` | F32 | as above | of meshes that are displaced |
 //! | `mesh.N.material_slots` | U16 | triangles | none if all are slot 0 |
 //! | `mesh.N.uv_map.K` | F32 | corners, 2 | |
 //! | `mesh.N.color_attribute.K` | F32 | corners, 4 | |
@@ -97,6 +98,8 @@ struct SceneDescription<M> {
 struct MeshParts {
     name: String,
     texture_space: Option<[Vec3; 2]>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    is_displaced: bool,
     uv_maps: Vec<String>,
     color_attributes: Vec<String>,
 }

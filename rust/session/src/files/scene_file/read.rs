@@ -7,7 +7,8 @@ use crate::files::light_set;
 use bytemuck::{Pod, pod_collect_to_vec};
 use relume_image::ViewTransform;
 use relume_scene::{
-    ColorAttribute, Curves, Grid, GridSet, Light, Mesh, Points, Scene, SceneBuilder, Texels, Texture, UvMap,
+    ColorAttribute, Curves, Grid, GridSet, Light, Mesh, Points, Scene, SceneBuilder, Texels, Texture,
+    Undisplaced, UvMap,
 };
 use relume_trace::TraceSettings;
 use safetensors::SafeTensors;
@@ -100,6 +101,14 @@ struct Arrays<'a>(SafeTensors<'a>);
 impl Arrays<'_> {
     fn mesh(&self, number: usize, parts: MeshParts) -> Result<Mesh, String> {
         let name = |part: &str| format!("mesh.{number}.{part}");
+        let undisplaced = if parts.is_displaced {
+            Some(Undisplaced {
+                positions: self.rows(&name("undisplaced_positions"), Dtype::F32, &[3])?,
+                corner_normals: self.rows(&name("undisplaced_normals"), Dtype::F32, &[3])?,
+            })
+        } else {
+            None
+        };
         Ok(Mesh {
             name: parts.name,
             positions: self.rows(&name("positions"), Dtype::F32, &[3])?,
@@ -109,6 +118,8 @@ impl Arrays<'_> {
             color_attributes: self.attributes(&name("color_attribute"), parts.color_attributes)?,
             material_slots: self.rows(&name("material_slots"), Dtype::U16, &[])?,
             texture_space: parts.texture_space,
+            displaceable: None,
+            undisplaced,
         })
     }
 

@@ -6,7 +6,7 @@ use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_scene::glam::{Affine3A, Mat3, Vec2};
 use relume_scene::{
     ColorAttribute, Curves, DenseGrid, DepthOfField, Geometry, GridInterpolation, GridSet, LightRules,
-    LightShape, LobeFactors, Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, UvMap,
+    LightShape, LobeFactors, Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, Undisplaced, UvMap,
 };
 
 /// A lit scene with something of everything that a scene can have.
@@ -131,6 +131,10 @@ fn wall() -> Mesh {
         color_attributes: vec![ColorAttribute { name: "Rust".into(), colors: vec![[0.5, 0.4, 0.3, 1.0]; 3] }],
         material_slots: vec![0],
         texture_space: Some([Vec3::ZERO, Vec3::ONE]),
+        undisplaced: Some(Undisplaced {
+            positions: vec![Vec3::NEG_X, Vec3::X, Vec3::Z],
+            corner_normals: vec![Vec3::Y; 3],
+        }),
         ..triangle()
     }
 }

@@ -78,6 +78,7 @@ fn mesh_parts(mesh: &Mesh) -> MeshParts {
     MeshParts {
         name: mesh.name.clone(),
         texture_space: mesh.texture_space,
+        is_displaced: mesh.undisplaced.is_some(),
         uv_maps: map_names(&mesh.uv_maps),
         color_attributes: attribute_names(&mesh.color_attributes),
     }
@@ -138,6 +139,10 @@ impl<'a> Tensors<'a> {
         self.add(format!("{name}.triangles"), Dtype::U32, &[3], &mesh.triangles)?;
         self.add(format!("{name}.corner_normals"), Dtype::F32, &[3], &mesh.corner_normals)?;
         self.add(format!("{name}.material_slots"), Dtype::U16, &[], &mesh.material_slots)?;
+        if let Some(before) = &mesh.undisplaced {
+            self.add(format!("{name}.undisplaced_positions"), Dtype::F32, &[3], &before.positions)?;
+            self.add(format!("{name}.undisplaced_normals"), Dtype::F32, &[3], &before.corner_normals)?;
+        }
         self.add_uv_maps(name, &mesh.uv_maps)?;
         self.add_attributes(&format!("{name}.color_attribute"), &mesh.color_attributes)
     }
