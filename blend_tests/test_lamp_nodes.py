@@ -81,7 +81,6 @@ CONSTANT = {
 
 VARYING = {
     "Checker Texture": lambda t: emission(t, node(t, "ShaderNodeTexChecker").outputs[0]),
-    "IES Texture": lambda t: emission(t, RED, node(t, "ShaderNodeTexIES").outputs[0]),
     "Light Falloff": lambda t: emission(t, RED, maths(t, "ADD", falloff(t, output="Linear"), 1.0)),
     "Light Path": lambda t: emission(t, RED, light_path(t, "Ray Length")),
     "Layer Weight": lambda t: mixed(t, node(t, "ShaderNodeLayerWeight").outputs[1], emission(t), emission(t)),

@@ -11,19 +11,11 @@ from typing import Any
 import bpy
 from mathutils import Vector
 
+from .lamp_shaders import Emission, LampShaders
 from .linking import LightLinking, receiver_names
-from .materials.constants import ConstantEmission, ConstantTranslation, VaryingNodeError
-from .materials.graph import surface_socket, used_tree
+from .materials.constants import VaryingNodeError
 
 WHITE = [1.0, 1.0, 1.0]
-LIGHT_PATH = dict.fromkeys(
-    (
-        *("Is Camera Ray", "Is Shadow Ray", "Is Diffuse Ray", "Is Glossy Ray", "Is Singular Ray"),
-        *("Is Reflection Ray", "Is Transmission Ray", "Is Volume Scatter Ray"),
-    ),
-    0.0,
-)
-"""Outputs of the Light Path node that are the same for all rays that meet a lamp."""
 VARYING = {
     "ShaderNodeTexIES": "is an IES profile",
     "ShaderNodeTexImage": "is an image",
@@ -67,22 +59,20 @@ class LightExporter:
         add: Callable[[dict[str, Any]], None],
         warn: Callable[[str], None],
         linking: LightLinking,
-        constant_emission: ConstantEmission,
+        shaders: LampShaders,
     ):
         """Passes descriptions of lights to `add`, and messages about them to `warn`."""
         self.add = add
         self.warn = warn
         self.linking = linking
-        self.constant_emission = constant_emission
+        self.shaders = shaders
         self.unique = UniqueNames()
 
     def export(
         self, obj: bpy.types.Object, owner: bpy.types.Object, world_from_object: Any, camera: bpy.types.Object | None
     ) -> None:
         """Adds one light, or one instance that its owner makes of it."""
-        description = describe_light(
-            obj, owner, world_from_object, camera, self.linking, self.warn, self.constant_emission
-        )
+        description = describe_light(obj, owner, world_from_object, camera, self.linking, self.warn, self.shaders)
         if description is not None:
             self.add(description | {"name": self.unique(name_of(obj.original))})
 
@@ -94,14 +84,14 @@ def describe_light(
     camera: bpy.types.Object | None,
     linking: LightLinking,
     warn: Callable[[str], None],
-    constant_emission: ConstantEmission,
+    shaders: LampShaders,
 ) -> dict[str, Any] | None:
     """JSON form of `BlenderLight`; None for a light that cannot be represented. `owner` is its instancer, or the light
     itself; the camera looks at it."""
     light = obj.data
     if is_portal(light):
         return None
-    emission = _emission(obj, warn, constant_emission)
+    emission = _emission(obj, world_from_object, warn, shaders)
     if emission is None:
         return None
     problem = _problem(light, world_from_object)
@@ -117,12 +107,14 @@ def describe_light(
         "color": list(light.color),
         "exposure": getattr(light, "exposure", 0.0),
         "temperature_color": temperature_color(light),
-        "emission": emission,
+        "emission": emission.color,
         "normalize": getattr(light, "normalize", True),
         "lobes": ray_visibility(obj, owner),
     }
     if _may_be_small(light, world_from_object) and camera is not None:
         description["least_size"] = _least_size(world_from_object, camera)
+    if emission.table is not None:
+        description["map"] = emission.table
     receivers = linking.receivers(obj)
     if receivers is not None:
         description["receivers"] = {"receivers": receivers}
@@ -228,16 +220,11 @@ def is_portal(light: bpy.types.Light) -> bool:
 
 
 def _emission(
-    obj: bpy.types.Object, warn: Callable[[str], None], constant_emission: ConstantEmission
-) -> list[float] | None:
-    """Emission of the light's nodes; None if they emit nothing or not the same everywhere."""
-    tree = used_tree(obj.data)
-    if tree is None:
-        return WHITE
-    surface = surface_socket(tree)
-    translation = ConstantTranslation(constant_emission, LIGHT_PATH.get, is_sun=obj.data.type == "SUN")
+    obj: bpy.types.Object, world_from_object: Any, warn: Callable[[str], None], shaders: LampShaders
+) -> Emission | None:
+    """Emission of the light's nodes; None if they emit nothing, or what cannot be represented."""
     try:
-        emission = translation.emission(*surface) if surface else None
+        emission = shaders.emission(obj, world_from_object, warn)
     except VaryingNodeError as error:
         node = error.node
         reason = VARYING.get(node.bl_idname, "makes it shine differently by place, direction or distance")

@@ -16,6 +16,7 @@ from .camera import camera_json, film_size
 from .curves import CurvesExporter, Strands
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
+from .lamp_shaders import LampShaders
 from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
@@ -137,7 +138,10 @@ class _SceneExporter:
         self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(
-            lambda light: builder.add_light(json.dumps(light)), builder.warn, self.linking, builder.constant_emission
+            lambda light: builder.add_light(json.dumps(light)),
+            builder.warn,
+            self.linking,
+            LampShaders(builder.constant_emission, builder.empty, depsgraph.scene.frame_current),
         )
         names = asked_attributes()
         self.geometry = GeometryExporter(builder, names)

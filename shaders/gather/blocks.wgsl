@@ -130,7 +130,8 @@ fn visit(index: u32, touching: u32, number: u32) {
                 factor = piece_weight(light, s, behind[index - pixel_groups[number].behind_shift]);
             }
             if factor != 0.0 {
-                let value = decode_rgb9e5(throughput[index]) * (factor * bitcast<f32>(0x7f000000u - unit(light)));
+                let value = decode_rgb9e5(throughput[index]) * map_factor(light, s)
+                    * (factor * bitcast<f32>(0x7f000000u - unit(light)));
                 let pixel = (words.w >> 16u) & 255u;
                 add(6u * i, pixel, value.x);
                 add(6u * i + 2u, pixel, value.y);

@@ -40,7 +40,7 @@ struct Light {
     // Of the spread of an area; a normalisation of 0 is that of a Lambertian emitter.
     tan_half: f32,
     normalisation: f32,
-    // Of a stretched spot, rows that take a direction to its own space; of a sheared area, those for edges of segments
+    // Of a stretched spot or a light with a map, rows that take a direction to its own space; of a sheared area, those for edges of segments
     // (`rust/gather/src/sheared.rs`), with the lengths of its own edges.
     row_x: vec3f,
     length_u: f32,
@@ -50,11 +50,18 @@ struct Light {
     determinant: f32,
     // The third row for the way to its centre.
     center_row_z: vec3f,
-    unused: f32,
+    // Of its map: tangent of half of the angle of a square cone, or 0 for all directions.
+    map_cone: f32,
+    // Row of `receivers` from which on its texels lie; 0 for none.
+    map_rows: u32,
+    map_width: u32,
+    map_height: u32,
+    // 1 if it is looked up by the normal of a sphere, not by the way back.
+    map_by_normal: u32,
 }
 
 @group(0) @binding(0) var<storage, read> lights: array<Light>;
-// Sets of RECEIVER_WORDS.
+// Sets of RECEIVER_WORDS, then texels of maps.
 @group(0) @binding(1) var<storage, read> receivers: array<u32>;
 
 struct Segment {
@@ -67,6 +74,7 @@ struct Segment {
 
 // Smallest normal float.
 const TINY = 1.1754944e-38;
+const PI = 3.14159265358979;
 
 fn segment(origin: vec3f, edge: vec3f, z_flags: u32) -> Segment {
     return Segment(origin, edge, max(dot(edge, edge), TINY), z_flags);
@@ -230,6 +238,59 @@ fn sheared(light: u32, s: Segment) -> f32 {
     }
     let tan = sqrt(max(1.0 - cos * cos, 0.0)) / cos;
     return select(0.0, weight * max((lights[light].tan_half - tan) * lights[light].normalisation, 0.0), cos > 0.0);
+}
+
+// Factor of the map of a light along a segment that crosses it.
+fn map_factor(light: u32, s: Segment) -> vec3f {
+    if lights[light].map_rows == 0u {
+        return vec3f(1.0);
+    }
+    var seen = -s.edge;
+    if lights[light].map_by_normal == 1u {
+        seen = sphere_normal(light, s);
+    }
+    return map_lookup(light, seen);
+}
+
+// Normal, of any length, where a segment that crosses a sphere does so first.
+fn sphere_normal(light: u32, s: Segment) -> vec3f {
+    let to_center = lights[light].center - s.origin;
+    let radius2 = lights[light].radius * lights[light].radius;
+    let perpendicular = to_center - s.edge * (dot(to_center, s.edge) / s.length2);
+    let half_chord = sqrt(max((radius2 - dot(perpendicular, perpendicular)) / s.length2, 0.0));
+    let is_outside = dot(to_center, to_center) > radius2;
+    let normal = s.edge * select(half_chord, -half_chord, is_outside) - perpendicular;
+    return select(-s.edge, normal, dot(normal, normal) > 0.0);
+}
+
+// Bilinear, `direction` being of any length in world space.
+fn map_lookup(light: u32, direction: vec3f) -> vec3f {
+    let local = vec3f(
+        dot(direction, lights[light].row_x), dot(direction, lights[light].row_y), dot(direction, lights[light].row_z)
+    );
+    let cone = lights[light].map_cone;
+    let size = vec2f(f32(lights[light].map_width), f32(lights[light].map_height));
+    var place = vec2f(atan2(local.y, local.x) * (0.5 / PI) + 0.5, atan2(length(local.xy), local.z) / PI);
+    if cone > 0.0 {
+        place = local.xy * (0.5 / (cone * max(-local.z, 1e-6 * length(local)))) + 0.5;
+    }
+    let texel = clamp(place * size - 0.5, vec2f(-1.0), size);
+    let low = floor(texel);
+    let share = texel - low;
+    let corner = vec2i(low);
+    let lower = mix(map_texel(light, corner), map_texel(light, corner + vec2i(1, 0)), share.x);
+    let upper = mix(map_texel(light, corner + vec2i(0, 1)), map_texel(light, corner + vec2i(1, 1)), share.x);
+    return mix(lower, upper, share.y);
+}
+
+fn map_texel(light: u32, place: vec2i) -> vec3f {
+    let width = i32(lights[light].map_width);
+    var column = clamp(place.x, 0, width - 1);
+    if lights[light].map_cone == 0.0 {
+        column = (place.x + width) % width;
+    }
+    let row = clamp(place.y, 0, i32(lights[light].map_height) - 1);
+    return decode_rgb9e5(receivers[lights[light].map_rows * RECEIVER_WORDS + u32(row * width + column)]);
 }
 
 // Cosine between the normal and the way back times the length of the edge; 0 if the segment does not cross the area from

@@ -62,7 +62,7 @@ fn visit_segment(record: u32, s: Segment, shard: Shard, first_light: u32, count:
                 factor = piece_weight(first_light + i, s, behind(record, s.origin, shard));
             }
             if factor != 0.0 {
-                sums[i] += decode_rgb9e5(throughput[record]) * factor;
+                sums[i] += decode_rgb9e5(throughput[record]) * map_factor(first_light + i, s) * factor;
             }
         }
     }

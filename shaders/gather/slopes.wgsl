@@ -84,7 +84,10 @@ fn add_record(record: u32, shard: Shard, scale: f32) {
         start = behind(record, origin, shard);
     }
     evaluate(Ray(origin - direction * start, direction, start, start + length));
-    let rgb = decode_rgb9e5(throughput[record]) * weight;
+    var rgb = decode_rgb9e5(throughput[record]) * weight;
+    if lights[arguments.light].map_rows != 0u {
+        rgb *= map_lookup(arguments.light, -edge);
+    }
     for (var i = 0u; i < OUTPUTS; i++) {
         sums[i] += rgb * outputs[i];
     }

@@ -17,8 +17,10 @@ import numpy as np
 from mathutils import Matrix
 
 from ...export.instancers import Instancers, may_be_instanced
+from ...export.lamp_shaders import LampShaders
 from ...export.lights import UniqueNames, describe_light, name_of, ray_visibility
 from ...export.linking import LightLinking
+from ...export.working_space import working_space
 from ..native import native
 
 LIGHT = bpy.types.Object.bl_rna.properties["type"].enum_items["LIGHT"].value
@@ -241,8 +243,11 @@ class SceneLights:
         warnings: list[str] = []
         linking = LightLinking(self.receivers, warnings.append)
         place, camera = entry.matrix or obj.matrix_world, (depsgraph.scene_eval or depsgraph.scene).camera
-        computed = native().SceneBuilder.constant_emission
-        found = describe_light(obj, entry.owner, place, camera, linking, warnings.append, computed)
+        builder = native().SceneBuilder
+        shaders = LampShaders(
+            builder.constant_emission, lambda: builder(working_space()), depsgraph.scene.frame_current
+        )
+        found = describe_light(obj, entry.owner, place, camera, linking, warnings.append, shaders)
         before, name = entry.description, name_of(entry.light)
         if found is not None:
             found["name"] = before["name"] if before is not None and name == entry.name else name

@@ -23,6 +23,7 @@ pub use isa::Isa;
 use crate::cull_avx2::{BoxCull, CHUNK, CullWork};
 #[cfg(target_arch = "x86_64")]
 use crate::cull_avx512::BallCull;
+use crate::emission_map::PreparedMap;
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::Avx2Lanes;
 use crate::lanes::{Lanes, Portable, Vec3x, WIDTH};
@@ -283,6 +284,8 @@ fn evaluate(shard: &Shard, block: &SegmentBlock, index: usize, light: &PreparedL
     };
     let weight = factor * collected;
     if weight != 0.0 {
-        sink.add(record, decode_rgb9e5(shard.throughput()[record]) * weight);
+        let contribution = decode_rgb9e5(shard.throughput()[record]) * weight;
+        let tint = |map: &PreparedMap| contribution * map.factor(start, edge);
+        sink.add(record, light.map.as_ref().map_or(contribution, tint));
     }
 }

@@ -15,6 +15,7 @@ mod cull_avx2;
 #[cfg(target_arch = "x86_64")]
 mod cull_avx512;
 mod denoise;
+mod emission_map;
 mod environment;
 mod error;
 mod gather;

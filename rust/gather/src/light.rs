@@ -10,6 +10,7 @@ use relume_dump::{Lobe, RECEIVER_LIMIT};
 use relume_scene::{Light, LightShape, LobeFactors};
 
 use crate::GatherError;
+use crate::emission_map::PreparedMap;
 use crate::piece::RayPiece;
 use crate::sheared::Sheared;
 
@@ -28,6 +29,8 @@ pub struct PreparedLight {
     pub(crate) factors: [f32; 8],
     /// Bit set of receivers that are lit; all if absent.
     pub(crate) receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
+    /// Factors by direction.
+    pub(crate) map: Option<PreparedMap>,
 }
 
 /// Geometry and emission profile.
@@ -164,7 +167,8 @@ impl PreparedLight {
             }
             bits
         });
-        Ok(Self { reach: profile.reach(), profile, factors, receivers })
+        let map = light.map.as_ref().map(|placed| PreparedMap::new(placed, &profile)).transpose();
+        Ok(Self { reach: profile.reach(), profile, factors, receivers, map: map.map_err(fail)? })
     }
 
     /// Weight of a segment of this lobe and receiver; 0 if the light leaves it out, or for what is not a segment.
@@ -336,6 +340,17 @@ impl Profile {
 }
 
 impl Ball {
+    /// Normal, of any length, where a segment that crosses the sphere does so first: the way back where none does.
+    pub(crate) fn normal(&self, origin: Vec3, edge: Vec3) -> Vec3 {
+        let to_center = self.center - origin;
+        let (radius2, along) = (self.radius * self.radius, to_center.dot(edge) / edge.length_squared());
+        let perpendicular = to_center - edge * along;
+        let half_chord = ((radius2 - perpendicular.length_squared()) / edge.length_squared()).max(0.0).sqrt();
+        let is_outside = to_center.length_squared() > radius2;
+        let normal = edge * if is_outside { -half_chord } else { half_chord } - perpendicular;
+        if normal.length_squared() > 0.0 { normal } else { -edge }
+    }
+
     fn sphere_is_crossed(&self, origin: Vec3, edge: Vec3) -> bool {
         let to_center = self.center - origin;
         let (radius2, length2) = (self.radius * self.radius, edge.length_squared());

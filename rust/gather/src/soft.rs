@@ -26,7 +26,9 @@
 //! - **Fronts** of area lights fade in over small cosines, where the crossing would move without bounds; spreads widen and
 //!   end softly.
 //!
-//! Derivatives are those of these formulas, exactly.
+//! - **Maps** of emission are looked up by the direction of the segment.
+//!
+//! Derivatives are those of these formulas, exactly, but that factors of maps count as constant.
 
 pub(crate) mod light;
 mod profile;
@@ -279,6 +281,8 @@ struct SoftSums<'a> {
     /// Throughputs as the shards hold them.
     throughput: [u32; WIDTH],
     factor: [f32; WIDTH],
+    /// Factors of the light's map.
+    tint: [Vec3; WIDTH],
     waiting: usize,
     outputs: [[[f32; WIDTH]; 3]; OUTPUTS],
 }
@@ -321,6 +325,9 @@ impl Visitor for SoftSums<'_> {
                 self.origin[axis][self.waiting] = origin[axis];
                 self.edge[axis][self.waiting] = edge[axis];
             }
+            if let Some(map) = &self.light.exact.map {
+                self.tint[self.waiting] = map.factor_along(edge.into());
+            }
             self.start[self.waiting] = start;
             (self.throughput[self.waiting], self.factor[self.waiting]) = (throughput[record], factor);
             self.waiting += 1;
@@ -344,6 +351,7 @@ impl<'a> SoftSums<'a> {
             start: [0.0; WIDTH],
             throughput: [0; WIDTH],
             factor: [0.0; WIDTH],
+            tint: [Vec3::ONE; WIDTH],
             waiting: 0,
             outputs: [[[0.0; WIDTH]; 3]; OUTPUTS],
         }
@@ -378,7 +386,7 @@ impl<'a> SoftSums<'a> {
     fn add<L: Lanes, const N: usize>(&mut self, values: [Wide<L>; N], outputs: [usize; N]) {
         let mut weights = [[0.0; WIDTH]; 3];
         for (lane, (&throughput, &factor)) in self.throughput.iter().zip(&self.factor).enumerate() {
-            let weight = decode_rgb9e5(throughput) * factor;
+            let weight = decode_rgb9e5(throughput) * factor * self.tint[lane];
             (weights[0][lane], weights[1][lane], weights[2][lane]) = (weight.x, weight.y, weight.z);
         }
         let [red, green, blue] = &weights;

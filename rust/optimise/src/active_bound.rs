@@ -128,7 +128,7 @@ impl Bounds {
     /// A light as coloured, strong and directed as these bounds allow, what is locked as it is.
     fn within(&self, locks: &Locks, mut light: Light) -> Light {
         if let (Some(cone), false) = (self.direction, locks.direction) {
-            light.shape = cone.within(&light.shape);
+            light = light.reshaped(cone.within(&light.shape), light.radiance);
         }
         if let (Some(chromaticity), false) = (self.color, locks.color) {
             let power = power(&light);

@@ -138,7 +138,7 @@ impl Regroup<'_> {
             true => light.radiance.map(|radiance| radiance * luminance(wanted) / own),
             false => wanted.map(|power| power / shape.extent()),
         };
-        variable.within(Light { shape, radiance, ..light.clone() })
+        variable.within(light.reshaped(shape, radiance))
     }
 
     /// The diagonal of a light's bounds.

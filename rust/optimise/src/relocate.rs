@@ -105,7 +105,7 @@ impl Relocate<'_> {
         let share = self.random.next_f32();
         let shape = random_shape(variable, share, &mut self.random);
         let radiance = light.radiance.map(|radiance| radiance * light.shape.extent() / shape.extent());
-        variable.within(Light { shape, radiance, ..light.clone() })
+        variable.within(light.reshaped(shape, radiance))
     }
 
     /// Beside others, with its picture in each view.

@@ -174,7 +174,7 @@ impl Mapping {
         let lane_step = |lead: usize| self.lane_step(&light.shape, lead, delta[lead]);
         let shape = light.shape.moved(&std::array::from_fn(|i| lane_step(self.locks.lead(i))));
         let radiance = power.map(|power| power / shape.extent());
-        Light { shape, radiance, ..light.clone() }
+        light.reshaped(shape, radiance)
     }
 
     /// The light with one of its sizes at a share of its range, at the same power.
@@ -187,7 +187,7 @@ impl Mapping {
             .shape
             .moved(&std::array::from_fn(|i| if self.locks.lead(i) == number { step } else { 0.0 }));
         let radiance = power(light).map(|power| power / shape.extent());
-        Light { shape, radiance, ..light.clone() }
+        light.reshaped(shape, radiance)
     }
 
     /// Place of one of the light's sizes in its range, 0..1.

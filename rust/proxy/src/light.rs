@@ -1,5 +1,5 @@
 use glam::{Mat3, Vec3};
-use relume_scene::LightShape;
+use relume_scene::{Light, LightShape};
 use serde::{Deserialize, Serialize};
 
 use crate::Rng;
@@ -60,6 +60,11 @@ impl LightKind {
             LightShape::Quad { spread, .. } if *spread >= std::f32::consts::PI - 1e-4 => Some(Self::Quad),
             _ => None,
         }
+    }
+
+    /// The kind of this light, if one is learned for lights like it.
+    pub fn of_light(light: &Light) -> Option<Self> {
+        Self::of(&light.shape).filter(|_| light.map.is_none())
     }
 }
 

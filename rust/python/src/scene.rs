@@ -8,7 +8,8 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use relume_scene as scene;
-use relume_session::trace::{TraceSettings, displace, shading::constant_emission};
+use relume_session::trace::shading::{Lamp, constant_emission, emission_map};
+use relume_session::trace::{TraceSettings, displace};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -230,6 +231,10 @@ impl PySceneBuilder {
         enter_native(py, || self.builder.add_material_json(json))
     }
 
+    fn empty(&self) -> Self {
+        Self { builder: scene::SceneBuilder::new(&self.builder.scene().working_space) }
+    }
+
     #[staticmethod]
     fn constant_emission(json: &str) -> PyResult<(Option<[f32; 3]>, Option<u32>)> {
         let material =
@@ -237,6 +242,25 @@ impl PySceneBuilder {
         Ok(match constant_emission(&material) {
             Ok(color) => (Some(color.to_array()), None),
             Err(node) => (None, Some(node)),
+        })
+    }
+
+    fn emission_map(
+        &self,
+        py: Python<'_>,
+        material: usize,
+        lamp: &str,
+    ) -> PyResult<(Option<(f32, String)>, Vec<String>)> {
+        let lamp: Lamp =
+            serde_json::from_str(lamp).map_err(|error| invalid(format!("lamp (JSON): {error}")))?;
+        let scene = self.builder.scene();
+        let material =
+            scene.materials.get(material).ok_or_else(|| invalid("there is no material of that number"))?;
+        enter_native(py, || {
+            let (map, notes) = emission_map(material, &scene.textures, &lamp);
+            let stored = |(largest, map)| serde_json::to_string(&map).map(|map| (largest, map));
+            let map = map.map(stored).transpose().map_err(|error| invalid(error.to_string()))?;
+            Ok::<_, NativeError>((map, notes))
         })
     }
 

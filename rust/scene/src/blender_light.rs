@@ -9,9 +9,10 @@
 //! | sun of half angle a | `P / (pi sin^2 a)`: irradiance `P` | `P` |
 //! | area of area A | `P / (pi A)`, A with the object's scale | `P / pi` |
 
-use crate::{Light, LightRules, LightShape, LobeFactors, MOST_RADIANCE, ReceiverSet};
+use crate::{EmissionMap, Light, LightRules, LightShape, LobeFactors, MOST_RADIANCE, PlacedMap, ReceiverSet};
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// A light object of Blender with its light data. Read from a file or from a JSON light set.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -49,6 +50,9 @@ pub struct BlenderLight {
     /// Receivers of light linking.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub receivers: Option<ReceiverSet>,
+    /// Factors on the emission by direction in the object's space, of a point or spot; none where there are none.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "optional_map")]
+    pub map: Option<Arc<EmissionMap>>,
     /// Shadow linking, bounces and Multiple Importance.
     #[serde(default, skip_serializing_if = "LightRules::is_default")]
     pub rules: LightRules,
@@ -113,6 +117,25 @@ impl AreaShape {
     /// True if it has one size for both sides.
     pub fn is_even(self) -> bool {
         matches!(self, Self::Square | Self::Disk)
+    }
+}
+
+/// JSON form of a table that lights share.
+mod optional_map {
+    use super::{Arc, EmissionMap};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(
+        map: &Option<Arc<EmissionMap>>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        map.as_deref().serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Option<Arc<EmissionMap>>, D::Error> {
+        Ok(Option::<EmissionMap>::deserialize(deserializer)?.map(Arc::new))
     }
 }
 
@@ -204,6 +227,7 @@ impl BlenderLight {
             radiance: self.power().map(|power| power * radiance_per_power),
             lobes: self.lobes,
             receivers: self.receivers.clone(),
+            map: self.placed_map()?,
             rules: self.rules.clone(),
         };
         // So that NaN, of no power times no end of it, is refused as well.
@@ -212,6 +236,15 @@ impl BlenderLight {
             return Err(self.error(&reason));
         }
         Ok((light, notes))
+    }
+
+    /// The table of its directions as it lies about the light.
+    fn placed_map(&self) -> Result<Option<PlacedMap>, LightError> {
+        let Some(map) = &self.map else { return Ok(None) };
+        if !matches!(self.kind, BlenderLightKind::Point { .. } | BlenderLightKind::Spot { .. }) {
+            return Err(self.error("only points and spots have an emission map"));
+        }
+        Ok(Some(PlacedMap { map: Arc::clone(map), local_from_world: self.local_from_world()? }))
     }
 
     /// `P` of the table above, RGB.

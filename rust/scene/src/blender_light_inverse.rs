@@ -2,6 +2,7 @@ use crate::{
     AreaShape, BlenderLight, BlenderLightKind, Light, LightError, LightRules, LightShape, LobeFactors,
 };
 use glam::{Mat3, Quat, Vec3};
+use std::sync::Arc;
 
 /// Relative difference below which values count as equal.
 const EQUAL: f32 = 1e-4;
@@ -16,7 +17,10 @@ impl BlenderLight {
     pub fn with_light(&self, light: &Light) -> Result<Self, LightError> {
         let mut new = self.clone();
         new.kind = self.kind_of(&light.shape)?;
-        new.set_axes(self.axes_of(&light.shape)?);
+        new.set_axes(match &light.map {
+            Some(placed) if self.map.is_some() => placed.local_from_world.inverse(),
+            _ => self.axes_of(&light.shape)?,
+        });
         if let Some(center) = light.shape.center() {
             (0..3).for_each(|row| new.world_from_object[row][3] = center[row]);
         }
@@ -72,6 +76,7 @@ impl BlenderLight {
             least_size: crate::MIN_SIZE,
             lobes: LobeFactors::default(),
             receivers: None,
+            map: light.map.as_ref().map(|placed| Arc::clone(&placed.map)),
             rules: LightRules::default(),
         };
         plain.with_light(light)
@@ -199,6 +204,7 @@ fn area(shape: AreaShape, spread: f32) -> BlenderLightKind {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::EmissionMap;
     use crate::LANES;
     use std::f32::consts::PI;
 
@@ -232,6 +238,7 @@ mod tests {
             least_size: crate::MIN_SIZE,
             lobes: LobeFactors::default(),
             receivers: None,
+            map: None,
             rules: LightRules::default(),
         })
         .collect()
@@ -281,6 +288,32 @@ mod tests {
             let moved = blender.with_light(&wanted).unwrap();
             assert_same(&moved.to_light().unwrap().0, &wanted, &blender);
             assert!((moved.color.into_iter().fold(0.0, f32::max) - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn a_map_turns_with_its_light_and_is_kept() {
+        let domain = crate::MapDomain { by_normal: false, cone: Some(0.5) };
+        let map = Some(Arc::new(EmissionMap { domain, width: 1, texels: vec![7] }));
+        for blender in lights() {
+            let blender = BlenderLight { map: map.clone(), ..blender };
+            let is_ball =
+                matches!(blender.kind, BlenderLightKind::Point { .. } | BlenderLightKind::Spot { .. });
+            let Ok((light, _)) = blender.to_light() else {
+                assert!(!is_ball);
+                continue;
+            };
+            let text = serde_json::to_string(&blender).unwrap();
+            assert_eq!(serde_json::from_str::<BlenderLight>(&text).unwrap(), blender);
+            let shape = light.shape.moved(&[0.5, -1.0, 0.2, 0.3, 0.6, -0.4, 0.3, -0.2, 0.1, 0.2]);
+            let wanted = light.reshaped(shape, light.radiance);
+            let found = blender.with_light(&wanted).unwrap().to_light().unwrap().0;
+            let [found, wanted] = [found, wanted].map(|light| light.map.unwrap());
+            assert!(Arc::ptr_eq(&found.map, &wanted.map));
+            let apart = found.local_from_world - wanted.local_from_world;
+            assert!(apart.to_cols_array().iter().all(|value| value.abs() < 1e-4), "{blender:?}");
+            let axis = shape.axis().map(|axis| found.local_from_world * axis);
+            assert!(axis.is_none_or(|axis| axis.normalize().dot(Vec3::NEG_Z) > 0.999));
         }
     }
 

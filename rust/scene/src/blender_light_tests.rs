@@ -24,6 +24,7 @@ fn light(kind: BlenderLightKind) -> BlenderLight {
         least_size: MIN_SIZE,
         lobes: LobeFactors::default(),
         receivers: None,
+        map: None,
         rules: LightRules::default(),
     }
 }

@@ -111,6 +111,11 @@ impl SceneBuilder {
         Ok(self.scene.materials.len() - 1)
     }
 
+    /// The scene as far as it was added.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// Adds a mesh and returns its number.
     pub fn add_mesh(&mut self, mesh: Mesh) -> Result<usize, BuildError> {
         let (corners, vertices) = (3 * mesh.triangles.len(), mesh.positions.len());

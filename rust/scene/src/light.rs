@@ -1,5 +1,7 @@
 use glam::{Mat3, Vec3};
 
+use crate::PlacedMap;
+
 /// One virtual light: rays cross it unchanged and collect its radiance (paper, section 3.1).
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Light {
@@ -16,6 +18,9 @@ pub struct Light {
     /// Objects that receive it (light linking); all if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub receivers: Option<ReceiverSet>,
+    /// Factors on the radiance by direction; none where it is the same in all that the shape shines to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<PlacedMap>,
     /// Rules of its own.
     #[serde(default, skip_serializing_if = "LightRules::is_default")]
     pub rules: LightRules,
@@ -52,8 +57,16 @@ impl Light {
             radiance: [1.0; 3],
             lobes: LobeFactors::default(),
             receivers: None,
+            map: None,
             rules: LightRules::default(),
         }
+    }
+
+    /// The light in another shape of its kind, and of another radiance; its map turns with it.
+    #[must_use]
+    pub fn reshaped(&self, shape: LightShape, radiance: [f32; 3]) -> Self {
+        let map = self.map.as_ref().map(|map| map.turned(&self.shape, &shape));
+        Self { shape, radiance, map, ..self.clone() }
     }
 }
 

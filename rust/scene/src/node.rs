@@ -1,6 +1,6 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
-    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, ImageProjection, Input,
+    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, IesProfile, ImageProjection, Input,
     Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId,
     NormalSpace, PhaseFunction, PrincipledHair, Procedural, SheenModel, Subsurface, SurfaceBase, TexCoord,
     Tile, ToonComponent, VectorMathOp,
@@ -195,6 +195,12 @@ with_sockets! {
         },
         /// Procedural texture; in JSON `{"type": "procedural", "texture": "noise", ...}`.
         Procedural(Procedural),
+        /// Strength of a photometric file; without a vector, along the way back in object space.
+        Ies {
+            profile: IesProfile,
+            strength: Input,
+            vector: Option<Input>,
+        },
         TextureCoordinate {
             kind: TexCoord,
         },

@@ -27,6 +27,7 @@ from addon.apply import new_lights  # noqa: E402
 from addon.apply.look_lights import light_state, restore_lights  # noqa: E402
 from addon.core.solve import solved  # noqa: E402
 from addon.engine.reading.scene import load_scene  # noqa: E402
+from addon.export.lamp_shaders import LampShaders  # noqa: E402
 from addon.export.lights import LightExporter, name_of  # noqa: E402
 from addon.export.linking import LightLinking  # noqa: E402
 
@@ -140,7 +141,10 @@ class Judge:
         """All lights as a request to `relume.solve` has them."""
         found = []
         exporter = LightExporter(
-            found.append, print_error, LightLinking([], print_error), relume.SceneBuilder.constant_emission
+            found.append,
+            print_error,
+            LightLinking([], print_error),
+            LampShaders(relume.SceneBuilder.constant_emission, relume.SceneBuilder, self.scene.frame_current),
         )
         for obj in self.lights():
             exporter.export(obj, obj, obj.matrix_world, self.scene.camera)

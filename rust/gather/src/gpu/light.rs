@@ -1,4 +1,5 @@
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -6,6 +7,7 @@ use relume_dump::RECEIVER_LIMIT;
 use relume_gpu::{Buffer, Gpu, GpuError};
 
 use crate::PreparedLight;
+use crate::emission_map::PreparedMap;
 use crate::kernel::ROUNDING;
 use crate::light::{FAR, Profile};
 
@@ -22,7 +24,8 @@ const SHEARED_QUAD: u32 = 9;
 const SHEARED_ELLIPSE: u32 = 10;
 
 /// Bits of a receiver set in the words of the device.
-pub type Receivers = [u32; RECEIVER_LIMIT as usize / 32];
+pub type Receivers = [u32; SET_WORDS];
+const SET_WORDS: usize = RECEIVER_LIMIT as usize / 32;
 
 /// A light as the kernels take it: `Light` of `shaders/gather/light.wgsl`, where the fields are described.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -49,11 +52,15 @@ pub struct GpuLight {
     pub row_z: [f32; 3],
     pub determinant: f32,
     pub center_row_z: [f32; 3],
-    pub unused: f32,
+    pub map_cone: f32,
+    pub map_rows: u32,
+    pub map_width: u32,
+    pub map_height: u32,
+    pub map_by_normal: u32,
 }
 
 impl GpuLight {
-    /// `magnitude` is the largest coordinate in the scene, `receivers` the number of the light's set.
+    /// `magnitude` is the largest coordinate in the scene, `receivers` the number of the light's set. The map is left out.
     pub(super) fn new(light: &PreparedLight, magnitude: f32, receivers: u32) -> Self {
         let shared = Self { receivers, factors: light.factors, ..Self::default() };
         match light.profile {
@@ -117,6 +124,22 @@ impl GpuLight {
         }
     }
 
+    /// The light with its map, which begins at this row of the table of receivers.
+    fn with_map(self, map: &PreparedMap, first_row: u32) -> Self {
+        let rows = map.local_from_world.transpose();
+        Self {
+            row_x: rows.x_axis.into(),
+            row_y: rows.y_axis.into(),
+            row_z: rows.z_axis.into(),
+            map_cone: map.map.domain.cone.unwrap_or(0.0),
+            map_rows: first_row,
+            map_width: map.map.width as u32,
+            map_height: map.map.height() as u32,
+            map_by_normal: u32::from(map.normals_of.is_some()),
+            ..self
+        }
+    }
+
     /// Kind of the light as smoothed lights have it, which are neither stretched nor sheared.
     pub(super) fn plain_kind(&self) -> u32 {
         match self.kind {
@@ -148,18 +171,18 @@ impl GpuLight {
     }
 }
 
-/// Lights on the GPU, with the sets of objects that they are linked to.
+/// Lights on the GPU, with the sets of objects that they are linked to, and their maps.
 #[derive(Debug)]
 pub struct GpuLights {
     /// One per light. Kernels may write others, with numbers of the sets that there are.
     pub lights: Buffer<GpuLight>,
-    /// Set 0 holds all receivers.
+    /// Set 0 holds all receivers. Behind the sets lie the texels of maps, each map from a row of its own on.
     pub receivers: Buffer<Receivers>,
 }
 
 impl GpuLights {
     pub(super) fn new(gpu: &Gpu, lights: &[PreparedLight], magnitude: f32) -> Result<Self, GpuError> {
-        let mut sets = vec![[u32::MAX; RECEIVER_LIMIT as usize / 32]];
+        let mut sets = vec![[u32::MAX; SET_WORDS]];
         let mut numbers = HashMap::new();
         let mut number = |bits: &[u64; RECEIVER_LIMIT as usize / 64]| {
             *numbers.entry(*bits).or_insert_with(|| {
@@ -167,18 +190,33 @@ impl GpuLights {
                 sets.len() as u32 - 1
             })
         };
-        let lights: Vec<_> = lights
+        let mut on_device: Vec<_> = lights
             .iter()
             .map(|light| {
                 let receivers = light.receivers.as_deref().map_or(0, &mut number);
                 GpuLight::new(light, magnitude, receivers)
             })
             .collect();
+        let mut rows_of = HashMap::new();
+        for (on_device, light) in on_device.iter_mut().zip(lights) {
+            let Some(map) = &light.map else { continue };
+            let first_row = *rows_of.entry(Arc::as_ptr(&map.map)).or_insert_with(|| {
+                let first_row = sets.len() as u32;
+                sets.extend(map.map.texels.chunks(SET_WORDS).map(row));
+                first_row
+            });
+            *on_device = on_device.with_map(map, first_row);
+        }
         Ok(Self {
-            lights: gpu.buffer_of("lights", &lights)?,
-            receivers: gpu.buffer_of("light linking", &sets)?,
+            lights: gpu.buffer_of("lights", &on_device)?,
+            receivers: gpu.buffer_of("light linking and maps", &sets)?,
         })
     }
+}
+
+/// A row of the table of receivers that holds these words.
+fn row(words: &[u32]) -> Receivers {
+    std::array::from_fn(|word| words.get(word).copied().unwrap_or_default())
 }
 
 #[cfg(test)]
@@ -190,7 +228,7 @@ mod tests {
         relume_gpu::assert_mirror!(GpuLight as "gather/light", "Light", {
             center, kind, direction, radius, inverse_u, reach2, inverse_v, receivers, factors, cos_half_angle,
             inverse_blend, tan_half, normalisation, row_x, length_u, row_y, length_v, row_z, determinant, center_row_z,
-            unused,
+            map_cone, map_rows, map_width, map_height, map_by_normal,
         });
     }
 

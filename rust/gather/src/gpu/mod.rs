@@ -441,4 +441,6 @@ fn if_it_fits<T>(made: Result<T, GpuError>) -> Result<Option<T>, GatherError> {
 }
 
 #[cfg(test)]
+mod map_tests;
+#[cfg(test)]
 mod tests;

@@ -11,7 +11,7 @@ use crate::tests::{Random, dump, light, manifest, segment};
 
 const HALVES: [SampleSplit; 3] = [SampleSplit::All, SampleSplit::First, SampleSplit::Second];
 
-fn gpu() -> Arc<Gpu> {
+pub fn gpu() -> Arc<Gpu> {
     Gpu::open(&GpuChoice::Best)
         .expect("tests need a GPU or a software driver, like Debian's mesa-vulkan-drivers")
 }

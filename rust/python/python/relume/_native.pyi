@@ -133,9 +133,17 @@ class SceneBuilder:
     def add_material(self, json: str) -> int:
         """A shader graph in the JSON form of `relume_scene::Material`."""
 
+    def empty(self) -> SceneBuilder:
+        """A builder of the same working space without anything."""
+
     @staticmethod
     def constant_emission(json: str) -> tuple[list[float] | None, int | None]:
         """Emission of such a graph as a lamp's, if it is the same everywhere; else the number of a node that varies."""
+
+    def emission_map(self, material: int, lamp: str) -> tuple[tuple[float, str] | None, list[str]]:
+        """Emission of a shader graph by direction, of a lamp in the JSON form of `relume_trace::shading::Lamp`: the
+        largest value, and the JSON form of `relume_scene::EmissionMap`; None if it emits nothing. Then what is to be
+        said of it."""
 
     def add_texture(
         self,

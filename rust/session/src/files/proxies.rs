@@ -120,7 +120,8 @@ impl Proxies {
     /// of a light that the camera sees.
     pub fn covering(&self, light: &Light) -> Option<&TrainedProxy> {
         let unseen = LobeFactors { camera: LobeFactors::default().camera, ..light.lobes };
-        let usual = unseen == LobeFactors::default() && light.receivers.is_none() && light.rules.is_default();
+        let is_plain = light.receivers.is_none() && light.rules.is_default() && light.map.is_none();
+        let usual = unseen == LobeFactors::default() && is_plain;
         self.list.iter().find(|trained| usual && trained.proxy.covers(&light.shape))
     }
 

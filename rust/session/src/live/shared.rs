@@ -252,7 +252,7 @@ impl Shared {
 
 /// The kinds that some lights are of, of those that have proxies, in the order in which they are learned.
 pub(super) fn kinds_of(lights: &[Light]) -> Vec<LightKind> {
-    let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of(&light.shape) == Some(*kind));
+    let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of_light(light) == Some(*kind));
     [LightKind::FacingDisk, LightKind::Sphere, LightKind::Quad].into_iter().filter(used).collect()
 }
 

@@ -63,7 +63,7 @@ pub(super) fn light_terms(request: &LiveRequest, view: &BakeView) -> (Vec<LightT
 
 /// True if lights of its kind have been learned.
 fn has_proxy(light: &Light, proxies: &Proxies) -> bool {
-    LightKind::of(&light.shape).is_some_and(|kind| proxies.of(kind).is_some())
+    LightKind::of_light(light).is_some_and(|kind| proxies.of(kind).is_some())
 }
 
 fn source(light: &Light, method: Method, view: &BakeView) -> Result<TermSource, String> {

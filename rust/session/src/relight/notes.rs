@@ -48,7 +48,7 @@ pub(crate) fn extrapolated(light: &Light, proxies: &Proxies) -> Option<String> {
 
 /// Note on a gathered light whose kind has a proxy that did not learn its size or place.
 pub(crate) fn outside_of_training(light: &Light, proxies: &Proxies) -> Option<String> {
-    let info = proxies.of(LightKind::of(&light.shape)?)?.proxy.info();
+    let info = proxies.of(LightKind::of_light(light)?)?.proxy.info();
     if proxies.knowing(light).is_some() {
         return None;
     }

@@ -196,7 +196,7 @@ impl Unknowns {
             return;
         }
         for variable in &mut self.variables {
-            let Some(kind) = LightKind::of(&variable.light.shape) else { continue };
+            let Some(kind) = LightKind::of_light(&variable.light) else { continue };
             for trained in relighters.iter().filter_map(|relighter| relighter.proxies().of(kind)) {
                 let info = trained.proxy.info();
                 let corner =

@@ -101,7 +101,7 @@ fn choose_backend(
         return Ok(Backend::Proxy);
     }
     let names: Vec<String> = unknown.iter().map(|light| format!("'{}'", light.name)).collect();
-    let next = match (has_gather, unknown.iter().all(|light| LightKind::of(&light.shape).is_some())) {
+    let next = match (has_gather, unknown.iter().all(|light| LightKind::of_light(light).is_some())) {
         (true, true) => "solve through the bake, or train a proxy that knows them",
         (true, false) => "solve through the bake, or lock all of them but colour and strength",
         (false, true) => "solve in the folder of the bake, or train a proxy that knows them",

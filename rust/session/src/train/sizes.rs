@@ -30,7 +30,7 @@ pub(crate) fn sizes_with(bake: &Path, kind: LightKind, lights: &[Light]) -> Resu
     const SLACK: f32 = 1.5;
     for light in lights {
         let sizes = match light.shape {
-            _ if LightKind::of(&light.shape) != Some(kind) => continue,
+            _ if LightKind::of_light(light) != Some(kind) => continue,
             LightShape::Sphere { radius, .. } | LightShape::FacingDisk { radius, .. } => [radius, radius],
             LightShape::Quad { edge_u, edge_v, .. } => [edge_u.length(), edge_v.length()],
             _ => continue,

@@ -131,6 +131,11 @@ impl<'a> ShadingContext<'a> {
                 let colored = matches!(self.graph.aids[index], Aid::Colored);
                 return procedural::evaluate(texture, at, &known, colored);
             }
+            Node::Ies { profile, strength, vector } => {
+                let back = || self.prepared.object_normal(self.point.instance, self.point.wo);
+                let direction = vector.as_ref().map_or_else(back, |vector| known.vector(vector));
+                return Vec4::splat(known.float(strength) * profile.strength(direction));
+            }
             Node::TextureCoordinate { kind } => coordinates::coordinate(self, *kind),
             Node::UvMap { .. } => self.uv(self.attribute(index)),
             Node::ColorAttribute { .. } => return self.named(self.attribute(index)).unwrap_or_default(),

@@ -13,6 +13,7 @@ mod fields;
 mod graph;
 mod hair;
 mod image;
+mod lamp;
 mod math;
 mod point;
 mod prepared;
@@ -29,6 +30,7 @@ mod volumes;
 
 pub(crate) use color::luminance;
 pub use constant::constant_emission;
+pub use lamp::{Lamp, LampKind, emission_map};
 pub(crate) use point::MediumPoint;
 pub use point::{Hit, RayInfo, StrandPoint, SurfacePoint};
 pub use prepared::PreparedMaterials;

@@ -1,0 +1,190 @@
+//! Emission of a lamp whose nodes make it shine differently by direction, as a table.
+
+use std::sync::Arc;
+
+use glam::{Mat3, Vec3};
+
+use crate::LightShape;
+
+/// Most texels of a table.
+const MOST_TEXELS: usize = 1 << 19;
+
+/// Factors on the radiance of a light by direction in its object's space, RGB, scene-linear. Looked up bilinearly,
+/// texels in the middle of their squares.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "StoredMap", into = "StoredMap")]
+pub struct EmissionMap {
+    /// Directions that the table is about.
+    pub domain: MapDomain,
+    /// Texels in a row.
+    pub width: usize,
+    /// Texels, row by row, each of the format that OpenGL calls RGB9E5.
+    pub texels: Vec<u32>,
+}
+
+/// Directions of a table.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct MapDomain {
+    /// True for the surface normal where a sphere is crossed, false for the way back to where the ray began.
+    #[serde(default)]
+    pub by_normal: bool,
+    /// Tangent of half of the angle of a square cone about -z, which is what rows and columns go over. None for all
+    /// directions: columns go over the angle about z, from that of -x through -y on, rows from +z to -z.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cone: Option<f32>,
+}
+
+impl MapDomain {
+    /// Direction in the middle of a texel, of any length.
+    pub fn direction(&self, u: f32, v: f32) -> Vec3 {
+        use std::f32::consts::{PI, TAU};
+        match self.cone {
+            Some(tangent) => Vec3::new((2.0 * u - 1.0) * tangent, (2.0 * v - 1.0) * tangent, -1.0),
+            None => {
+                let ((sin, cos), (sin_v, cos_v)) = ((u * TAU - PI).sin_cos(), (v * PI).sin_cos());
+                Vec3::new(cos * sin_v, sin * sin_v, cos_v)
+            }
+        }
+    }
+
+    /// Place of a direction of any length, 0..1 in the table; the inverse of [`Self::direction`].
+    pub fn place(&self, direction: Vec3) -> [f32; 2] {
+        use std::f32::consts::{PI, TAU};
+        match self.cone {
+            Some(tangent) => {
+                let scale = 0.5 / (tangent * (-direction.z).max(1e-6 * direction.length()));
+                [direction.x * scale + 0.5, direction.y * scale + 0.5]
+            }
+            None => {
+                let from_top = direction.truncate().length().atan2(direction.z);
+                [direction.y.atan2(direction.x) / TAU + 0.5, from_top / PI]
+            }
+        }
+    }
+}
+
+/// JSON form of a table: texels are hexadecimal, eight digits each.
+#[derive(Clone, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StoredMap {
+    domain: MapDomain,
+    width: usize,
+    texels: String,
+}
+
+impl From<EmissionMap> for StoredMap {
+    fn from(map: EmissionMap) -> Self {
+        const DIGITS: &[u8; 16] = b"0123456789abcdef";
+        let digit = |texel: u32, place: u32| char::from(DIGITS[(texel >> (28 - 4 * place) & 15) as usize]);
+        let texels =
+            map.texels.iter().flat_map(|&texel| (0..8).map(move |place| digit(texel, place))).collect();
+        Self { domain: map.domain, width: map.width, texels }
+    }
+}
+
+impl TryFrom<StoredMap> for EmissionMap {
+    type Error = &'static str;
+
+    fn try_from(stored: StoredMap) -> Result<Self, Self::Error> {
+        let texel = |digits: &[u8; 8]| {
+            let digit = |sum: Option<u32>, &digit: &u8| Some(sum? << 4 | char::from(digit).to_digit(16)?);
+            digits.iter().fold(Some(0), digit)
+        };
+        let (words, rest) = stored.texels.as_bytes().as_chunks::<8>();
+        let texels = words.iter().map(texel).collect::<Option<Vec<_>>>();
+        let texels =
+            texels.filter(|_| rest.is_empty()).ok_or("texels of an emission map are eight digits each")?;
+        let is_whole = stored.width > 0 && texels.len().is_multiple_of(stored.width);
+        if texels.is_empty() || texels.len() > MOST_TEXELS || !is_whole {
+            return Err("an emission map is empty, too large or has a row that is not whole");
+        }
+        if stored.domain.cone.is_some_and(|tangent| !(tangent > 0.0 && tangent.is_finite())) {
+            return Err("the cone of an emission map is not above 0");
+        }
+        Ok(Self { domain: stored.domain, width: stored.width, texels })
+    }
+}
+
+impl EmissionMap {
+    /// Rows of texels.
+    pub fn height(&self) -> usize {
+        self.texels.len() / self.width.max(1)
+    }
+}
+
+/// A table as it lies about a light.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct PlacedMap {
+    /// The table, which copies of the light share.
+    #[serde(with = "shared")]
+    pub map: Arc<EmissionMap>,
+    /// Directions in the space of the table.
+    pub local_from_world: Mat3,
+}
+
+impl PartialEq for PlacedMap {
+    fn eq(&self, other: &Self) -> bool {
+        self.local_from_world == other.local_from_world
+            && (Arc::ptr_eq(&self.map, &other.map) || self.map == other.map)
+    }
+}
+
+impl PlacedMap {
+    /// The table after its light has turned from one shape to another, on the shortest way.
+    #[must_use]
+    pub fn turned(&self, from: &LightShape, to: &LightShape) -> Self {
+        let turn = from.axis().zip(to.axis()).filter(|(from, to)| from != to);
+        let local_from_world = turn.map_or(self.local_from_world, |(from, to)| {
+            self.local_from_world * Mat3::from_quat(glam::Quat::from_rotation_arc(to, from))
+        });
+        Self { map: Arc::clone(&self.map), local_from_world }
+    }
+}
+
+/// JSON form of a table that is shared.
+pub(crate) mod shared {
+    use super::{Arc, EmissionMap};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(map: &Arc<EmissionMap>, serializer: S) -> Result<S::Ok, S::Error> {
+        EmissionMap::serialize(map, serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Arc<EmissionMap>, D::Error> {
+        EmissionMap::deserialize(deserializer).map(Arc::new)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_those_of_their_directions() {
+        for cone in [None, Some(0.7)] {
+            let domain = MapDomain { by_normal: false, cone };
+            for (u, v) in [(0.1, 0.3), (0.5, 0.5), (0.9, 0.8), (0.3, 0.01)] {
+                let [x, y] = domain.place(domain.direction(u, v) * 3.0);
+                assert!((x - u).abs() < 1e-5 && (y - v).abs() < 1e-5, "{cone:?}: {u} {v} {x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn tables_are_read_as_they_were_written_and_checked() {
+        let domain = MapDomain { by_normal: true, cone: Some(0.5) };
+        let map = EmissionMap { domain, width: 2, texels: vec![0, 1, 0xdead_beef, u32::MAX] };
+        let text = serde_json::to_string(&map).unwrap();
+        assert_eq!(serde_json::from_str::<EmissionMap>(&text).unwrap(), map);
+        let broken = [
+            ("deadbeef", "deadbee"),
+            ("\"width\":2", "\"width\":3"),
+            ("\"width\":2", "\"width\":0"),
+            ("0.5", "0.0"),
+        ];
+        for (from, to) in broken {
+            assert!(serde_json::from_str::<EmissionMap>(&text.replace(from, to)).is_err(), "{to}");
+        }
+    }
+}
