@@ -24,6 +24,7 @@ from ...export.instancers import node_inputs, objects_in
 from ...export.lights import rules_of_lights
 from ...export.materials import MaterialExporter, sampling_settings
 from ...export.materials.graph import has_volume, used_tree
+from ...export.object_attributes import find_rgba
 from ...export.plain import plain
 from ...export.scene import shadow_terminator
 from ...export.view_layer import render_layer
@@ -31,7 +32,7 @@ from ...export.working_space import working_space
 from ...export.world import export_world, world_of
 from ...export.world_graph import WorldGraph
 from ..native import native
-from .dependencies import dependencies_of, image_nodes, may_instance
+from .dependencies import dependencies_of, image_nodes, may_instance, nodes_in
 from .node_fingerprints import drawn_curves, group, hashed, ramp, tree, values
 from .shape_fingerprints import DATA, shape
 from .volume_fingerprints import smoke, stamp, volume
@@ -236,6 +237,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     }
     if not obj.visible_volume_scatter:
         found["scatter"] = "hidden"
+    if asked := _asked_of(obj):
+        found["attributes"] = hashed(asked)
     if obj.data is not None:
         found["data"] = obj.data.name_full
     elif obj.instance_collection is not None:
@@ -248,6 +251,19 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     if obj.pose:
         found["pose"] = hashed([_matrix(bone.matrix) for bone in obj.pose.bones])
     return found
+
+
+def _asked_of(obj: bpy.types.Object) -> list:
+    """Custom properties that an object's materials may ask it, its data or what it instances for. Costs next to nothing
+    where there are none."""
+    owners = [owner for owner in (obj, obj.data) if owner is not None and len(owner.keys())]
+    names = {
+        node.attribute_name
+        for material in (bpy.data.materials if owners else ())
+        for node in nodes_in(used_tree(material))
+        if getattr(node, "attribute_type", "") in {"OBJECT", "INSTANCER"}
+    }
+    return [(name, find_rgba(owner, name)) for owner in owners for name in sorted(names) if name in owner.keys()]
 
 
 def _modifier(modifier: bpy.types.Modifier) -> list:
@@ -302,11 +318,13 @@ def _instanced_fingerprint(collection: bpy.types.Collection) -> Fingerprint | No
 
 def _image(image: bpy.types.Image) -> Fingerprint | None:
     """Fingerprint of the files behind an image, including all tiles."""
-    if image.source not in {"FILE", "SEQUENCE", "TILED"} or image.packed_file:
+    if image.source not in {"FILE", "SEQUENCE", "TILED"}:
         return None
+    tiles = [tile.number for tile in image.tiles] if image.source == "TILED" else []
+    if image.packed_file:
+        return {"tiles": hashed(tiles)} if tiles else None
     path = bpy.path.abspath(image.filepath, library=image.library)
-    paths = [tile_path(path, tile.number) for tile in image.tiles] if image.source == "TILED" else [path]
-    return {"file": hashed([stamp(found) for found in paths])}
+    return {"file": hashed([stamp(tile_path(path, number)) for number in tiles] if tiles else [stamp(path)])}
 
 
 def _smoke(scene: bpy.types.Scene) -> Fingerprint:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import bpy
 
 from ..images import ImageExporter
+from ..object_attributes import Surroundings
 from .graph import (
     CONVERTING,
     IS_INLINED,
@@ -88,11 +89,13 @@ class Translation:
         tables: NodeTables,
         material: bpy.types.Material | None,
         object_name: str,
+        surroundings: Surroundings,
     ):
         """Translates one material; messages name the object that shows it."""
         self.builder = builder
         self.tables = tables
         self.images = images
+        self.surroundings = surroundings
         self.material = material
         self.title = material.name if material else "Default"
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
@@ -110,6 +113,8 @@ class Translation:
         """Offset of vertices in the JSON form, if it moves any."""
         self.attributes: dict[str, str] = {}
         """Names of the mesh attributes that it reads, each with a node that does."""
+        self.of_objects: set[str] = set()
+        """Names that it asks each instance for, as of `object_attributes`."""
         self.medium_varies = False
         """True if the volume has nodes whose values differ from place to place."""
         self.in_medium = False
@@ -323,9 +328,17 @@ class Translation:
             return neutral
         return translate(self, source)
 
-    def value_once(self, source: Source, compute: Callable[[], Any]) -> Any:
-        """Value of a node, computed the first time: its inputs lead to all that is before it."""
-        key: Key = (*_key(source), "value")
+    def of_object(self, source: Source, name: str, output: str) -> Any:
+        """A value that each instance of an object has as a whole, by its name in `object_attributes`."""
+        if self.in_medium:
+            self.warn(f"node '{source.node.name}': values of objects are not known within volumes; taken as 0")
+            return 0.0 if output == "alpha" else [0.0] * 3
+        self.of_objects.add(name)
+        return {"node": self.once(source, lambda: {"type": "attribute", "name": name}, name), "output": output}
+
+    def value_once(self, source: Source, compute: Callable[[], Any], part: str = "") -> Any:
+        """Value of a node, or of a part of it, computed the first time: its inputs lead to all that is before it."""
+        key: Key = (*_key(source), f"value {part}")
         if key not in self.done:
             self.done[key] = compute()
         return self.done[key]

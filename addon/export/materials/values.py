@@ -7,11 +7,13 @@ from typing import Any
 
 import bpy
 
+from ..object_attributes import OF_INSTANCER, object_name
 from .coordinates import texture_vector
 from .graph import IS_INLINED, Source, convert
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
 from .translation import SURFACE_BEFORE, TranslateValue, Translation
+from .vectors import VECTOR_VALUES, transformed
 
 Field = tuple[str, str | int, Any]
 
@@ -56,44 +58,72 @@ def _image_texture(t: Translation, source: Source) -> Any:
     node, user = source.node, f"{t.owner}, node '{source.node.name}'"
 
     def description() -> dict[str, Any]:
-        if node.projection != "FLAT":
-            t.warn(f"node '{node.name}': {node.projection.lower()} projection is not supported yet; taken as flat")
-        if node.image is None:
-            texture = t.images.missing(user)
-        else:
-            texture = t.images.number(node.image, user, node.image_user)
         return {
             "type": "image_texture",
-            "texture": texture,
+            **_shown(t, node, user),
             "vector": texture_vector(t, source, {"type": "uv_map", "name": ""}),
             "interpolation": INTERPOLATION.get(node.interpolation, "linear"),
             "extension": node.extension.lower(),
+            **_projection(node),
         }
 
     output = "alpha" if source.socket.identifier == "Alpha" else "color"
     return {"node": t.once(source, description), "output": output}
 
 
+def _environment_texture(t: Translation, source: Source) -> Any:
+    """An image over all directions, where a material looks it up."""
+    node, user = source.node, f"{t.owner}, node '{source.node.name}'"
+
+    def description() -> dict[str, Any]:
+        vector = texture_vector(t, source, {"type": "geometry"})
+        if vector is None:
+            vector = {"node": t.emit({"type": "geometry"}), "output": "position"}
+        return {
+            "type": "image_texture",
+            **_shown(t, node, user),
+            "vector": vector,
+            "interpolation": INTERPOLATION.get(node.interpolation, "linear"),
+            "extension": "repeat",
+            "projection": node.projection.lower(),
+        }
+
+    return {"node": t.once(source, description), "output": "color"}
+
+
+def _shown(t: Translation, node: bpy.types.Node, user: str) -> dict[str, Any]:
+    """The image of a node, or its tiles and what is shown outside of them."""
+    if node.image is None:
+        return {"texture": t.images.missing(user)}
+    if node.image.source != "TILED":
+        return {"texture": t.images.number(node.image, user, node.image_user)}
+    return {"texture": t.images.missing(user), "tiles": t.images.tiles(node.image, user)}
+
+
+def _projection(node: bpy.types.Node) -> dict[str, Any]:
+    """The projection of an image, left out where it is flat."""
+    if node.projection == "BOX":
+        return {"projection": {"box": {"blend": node.projection_blend}}}
+    return {} if node.projection == "FLAT" else {"projection": node.projection.lower()}
+
+
 def _texture_coordinate(t: Translation, source: Source) -> Any:
-    kind = source.socket.identifier.lower()
-    if kind in {"generated", "uv"}:
-        _warn_of_instancer(t, source.node)
-    if source.node.object is not None and kind == "object":
-        t.warn(f"node '{source.node.name}': coordinates of another object are not supported yet; own ones are used")
+    node, kind = source.node, source.socket.identifier.lower()
+    if node.from_instancer and kind in OF_INSTANCER:
+        return t.of_object(source, OF_INSTANCER[kind], "vector")
+    if node.object is not None and kind == "object":
+        position = {"node": t.once(source, lambda: {"type": "geometry"}, "position"), "output": "position"}
+        return t.value_once(source, lambda: transformed(t, position, node.object.matrix_world.inverted_safe()))
     return {"node": t.emit({"type": "texture_coordinate", "kind": kind}), "output": "vector"}
 
 
 def _uv_map(t: Translation, source: Source) -> Any:
     """A UV map by its name may be an attribute of any kind."""
-    _warn_of_instancer(t, source.node)
+    if source.node.from_instancer:
+        return t.of_object(source, OF_INSTANCER["uv"], "vector")
     name = attribute_name(source.node)
     node = {"type": "attribute", "name": name} if name else {"type": "uv_map", "name": ""}
     return {"node": t.once(source, lambda: node), "output": "vector"}
-
-
-def _warn_of_instancer(t: Translation, node: bpy.types.Node) -> None:
-    if node.from_instancer:
-        t.warn(f"node '{node.name}': coordinates of the instancer are not supported yet; own ones are used")
 
 
 def _mix(t: Translation, source: Source) -> Any:
@@ -305,9 +335,8 @@ def _float_curve(t: Translation, source: Source) -> Any:
 def _attribute(t: Translation, source: Source) -> Any:
     """Color Attribute, and Attribute where it names one."""
     node, output = source.node, source.socket.identifier
-    if getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
-        t.warn(f"node '{node.name}': attributes of the {node.attribute_type.lower()} are not supported yet; black")
-        return [0.0, 0.0, 0.0]
+    if (kind := getattr(node, "attribute_type", "GEOMETRY")) != "GEOMETRY":
+        return _attribute_of_object(t, source, kind, output)
     name = attribute_name(node) or ""
     if t.in_medium:
         return _grid(t, source, name, output)
@@ -321,6 +350,20 @@ def _attribute(t: Translation, source: Source) -> Any:
         number = t.once(source, lambda: {"type": "attribute", "name": name + FACTOR}, "factor")
         return {"node": number, "output": "value"}
     return {"node": t.once(source, lambda: {"type": "attribute", "name": name}), "output": output.lower()}
+
+
+def _attribute_of_object(t: Translation, source: Source, kind: str, output: str) -> Any:
+    """An attribute of an object, its instancer or the view layer."""
+    name = source.node.attribute_name
+    if not name:
+        return 1.0 if output == "Alpha" else [0.0] * 3
+    if kind == "VIEW_LAYER":
+        *color, alpha = t.surroundings.value_of_layer(name)
+        return alpha if output == "Alpha" else sum(color) / 3.0 if output == "Fac" else color
+    link = t.of_object(source, object_name(kind, name), output.lower())
+    if output != "Fac" or not isinstance(link, dict):
+        return link
+    return _mean(t, source, {**link, "output": "vector"}, "mean")
 
 
 def _grid(t: Translation, source: Source, name: str, output: str) -> Any:
@@ -351,7 +394,7 @@ def _volume_info(t: Translation, source: Source) -> Any:
 def asked_of(node: Any) -> list[str]:
     """Names under which a node asks meshes for attributes."""
     name = attribute_name(node)
-    if not name:
+    if not name or getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
         return []
     outputs = {socket.identifier for socket in node.outputs if socket.is_linked}
     return [name] * bool(outputs - {"Fac"}) + [name + FACTOR] * ("Fac" in outputs)
@@ -445,7 +488,9 @@ def _first_input(feature: str) -> TranslateValue:
 
 VALUES: dict[str, TranslateValue] = {
     "ShaderNodeTexImage": _image_texture,
+    "ShaderNodeTexEnvironment": _environment_texture,
     **TEXTURES,
+    **VECTOR_VALUES,
     "ShaderNodeTexCoord": _texture_coordinate,
     "ShaderNodeUVMap": _uv_map,
     "ShaderNodeMapping": _simple(

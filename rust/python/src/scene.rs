@@ -177,7 +177,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, density_factor=1.0, grids=None))]
+        visible_volume_scatter=true, visible_shadow=true, density_factor=1.0, grids=None, attributes=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -197,6 +197,7 @@ impl PySceneBuilder {
         visible_shadow: bool,
         density_factor: f32,
         grids: Option<usize>,
+        attributes: Vec<(String, [f32; 4])>,
     ) -> PyResult<()> {
         let geometry = match kind {
             "mesh" => scene::Geometry::Mesh(geometry),
@@ -220,6 +221,7 @@ impl PySceneBuilder {
             visible_shadow,
             density_factor,
             grids,
+            attributes,
             ..scene::Instance::new(name, geometry, affine_from_rows(world_from_object), materials)
         };
         enter_native(py, || self.builder.add_instance(instance))

@@ -135,13 +135,8 @@ impl Scene {
     }
 
     fn material_fault(&self, material: &Material) -> Option<String> {
-        let missing = material.nodes.iter().find_map(|node| match node {
-            Node::ImageTexture { texture, .. } => {
-                Some(*texture).filter(|texture| *texture >= self.textures.len())
-            }
-            _ => None,
-        });
-        if let Some(texture) = missing {
+        let is_missing = |texture: &usize| *texture >= self.textures.len();
+        if let Some(texture) = material.nodes.iter().flat_map(Node::textures).find(is_missing) {
             return Some(format!("its image number {texture} does not exist"));
         }
         if material.surface.is_some_and(|surface| surface as usize >= material.nodes.len()) {
