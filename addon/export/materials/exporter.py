@@ -12,11 +12,12 @@ import bpy
 
 from ..images import ImageExporter
 from ..object_attributes import Surroundings
+from .attribute_nodes import asked_of
 from .closures import CLOSURES, FALLBACK_CLOSURES
 from .graph import used_tree
 from .hair import HAIR_CLOSURES, HAIR_VALUES
 from .translation import DEFAULT_SURFACE, NodeTables, Translation
-from .values import VALUES, asked_of
+from .values import VALUES
 from .volumes import DEFAULT_VOLUME, VOLUMES
 
 TABLES = NodeTables(CLOSURES | HAIR_CLOSURES, FALLBACK_CLOSURES, VOLUMES, VALUES | HAIR_VALUES)

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import bpy
-
-from ..object_attributes import OF_INSTANCER, object_name
-from .coordinates import texture_vector
+from ..object_attributes import OF_INSTANCER
+from .attribute_nodes import ATTRIBUTE_VALUES
 from .graph import IS_INLINED, Source, convert
+from .image_nodes import IMAGE_VALUES
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
 from .translation import SURFACE_BEFORE, TranslateValue, Translation
@@ -17,12 +16,9 @@ from .vectors import VECTOR_VALUES, transformed
 
 Field = tuple[str, str | int, Any]
 
-FACTOR = "\tfactor"
-"""Behind the name of an attribute that is asked for as one number."""
 ANY_UV_MAP = "\tUV map"
 """Name under which a normal map asks for the first UV map."""
 UP = [0.0, 0.0, 1.0]
-INTERPOLATION = {"Linear": "linear", "Closest": "closest", "Cubic": "cubic", "Smart": "cubic"}
 
 
 def _simple(
@@ -54,59 +50,6 @@ def _outputs(translate: TranslateValue, names: dict[str, str]) -> TranslateValue
     return with_output
 
 
-def _image_texture(t: Translation, source: Source) -> Any:
-    node, user = source.node, f"{t.owner}, node '{source.node.name}'"
-
-    def description() -> dict[str, Any]:
-        return {
-            "type": "image_texture",
-            **_shown(t, node, user),
-            "vector": texture_vector(t, source, {"type": "uv_map", "name": ""}),
-            "interpolation": INTERPOLATION.get(node.interpolation, "linear"),
-            "extension": node.extension.lower(),
-            **_projection(node),
-        }
-
-    output = "alpha" if source.socket.identifier == "Alpha" else "color"
-    return {"node": t.once(source, description), "output": output}
-
-
-def _environment_texture(t: Translation, source: Source) -> Any:
-    """An image over all directions, where a material looks it up."""
-    node, user = source.node, f"{t.owner}, node '{source.node.name}'"
-
-    def description() -> dict[str, Any]:
-        vector = texture_vector(t, source, {"type": "geometry"})
-        if vector is None:
-            vector = {"node": t.emit({"type": "geometry"}), "output": "position"}
-        return {
-            "type": "image_texture",
-            **_shown(t, node, user),
-            "vector": vector,
-            "interpolation": INTERPOLATION.get(node.interpolation, "linear"),
-            "extension": "repeat",
-            "projection": node.projection.lower(),
-        }
-
-    return {"node": t.once(source, description), "output": "color"}
-
-
-def _shown(t: Translation, node: bpy.types.Node, user: str) -> dict[str, Any]:
-    """The image of a node, or its tiles and what is shown outside of them."""
-    if node.image is None:
-        return {"texture": t.images.missing(user)}
-    if node.image.source != "TILED":
-        return {"texture": t.images.number(node.image, user, node.image_user)}
-    return {"texture": t.images.missing(user), "tiles": t.images.tiles(node.image, user)}
-
-
-def _projection(node: bpy.types.Node) -> dict[str, Any]:
-    """The projection of an image, left out where it is flat."""
-    if node.projection == "BOX":
-        return {"projection": {"box": {"blend": node.projection_blend}}}
-    return {} if node.projection == "FLAT" else {"projection": node.projection.lower()}
-
-
 def _texture_coordinate(t: Translation, source: Source) -> Any:
     node, kind = source.node, source.socket.identifier.lower()
     if node.from_instancer and kind in OF_INSTANCER:
@@ -115,15 +58,6 @@ def _texture_coordinate(t: Translation, source: Source) -> Any:
         position = {"node": t.once(source, lambda: {"type": "geometry"}, "position"), "output": "position"}
         return t.value_once(source, lambda: transformed(t, position, node.object.matrix_world.inverted_safe()))
     return {"node": t.emit({"type": "texture_coordinate", "kind": kind}), "output": "vector"}
-
-
-def _uv_map(t: Translation, source: Source) -> Any:
-    """A UV map by its name may be an attribute of any kind."""
-    if source.node.from_instancer:
-        return t.of_object(source, OF_INSTANCER["uv"], "vector")
-    name = attribute_name(source.node)
-    node = {"type": "attribute", "name": name} if name else {"type": "uv_map", "name": ""}
-    return {"node": t.once(source, lambda: node), "output": "vector"}
 
 
 def _mix(t: Translation, source: Source) -> Any:
@@ -332,85 +266,6 @@ def _float_curve(t: Translation, source: Source) -> Any:
     return {"node": t.once(source, description), "output": "color"}
 
 
-def _attribute(t: Translation, source: Source) -> Any:
-    """Color Attribute, and Attribute where it names one."""
-    node, output = source.node, source.socket.identifier
-    if (kind := getattr(node, "attribute_type", "GEOMETRY")) != "GEOMETRY":
-        return _attribute_of_object(t, source, kind, output)
-    name = attribute_name(node) or ""
-    if t.in_medium:
-        return _grid(t, source, name, output)
-    if name == "" and node.bl_idname == "ShaderNodeAttribute":
-        return 1.0 if output == "Alpha" else [0.0, 0.0, 0.0]
-    if name:
-        t.attributes[name] = node.name
-    if node.bl_idname == "ShaderNodeVertexColor":
-        return {"node": t.once(source, lambda: {"type": "color_attribute", "name": name}), "output": output.lower()}
-    if output == "Fac":
-        number = t.once(source, lambda: {"type": "attribute", "name": name + FACTOR}, "factor")
-        return {"node": number, "output": "value"}
-    return {"node": t.once(source, lambda: {"type": "attribute", "name": name}), "output": output.lower()}
-
-
-def _attribute_of_object(t: Translation, source: Source, kind: str, output: str) -> Any:
-    """An attribute of an object, its instancer or the view layer."""
-    name = source.node.attribute_name
-    if not name:
-        return 1.0 if output == "Alpha" else [0.0] * 3
-    if kind == "VIEW_LAYER":
-        *color, alpha = t.surroundings.value_of_layer(name)
-        return alpha if output == "Alpha" else sum(color) / 3.0 if output == "Fac" else color
-    link = t.of_object(source, object_name(kind, name), output.lower())
-    if output != "Fac" or not isinstance(link, dict):
-        return link
-    return _mean(t, source, {**link, "output": "vector"}, "mean")
-
-
-def _grid(t: Translation, source: Source, name: str, output: str) -> Any:
-    """An attribute within a medium: a grid, 0 where an object has none of that name. Of a colour, its one number is the
-    mean."""
-    link = {"node": t.once(source, lambda: {"type": "attribute", "name": name}), "output": "vector"}
-    return _mean(t, source, link, "factor") if output == "Fac" else {**link, "output": output.lower()}
-
-
-def _mean(t: Translation, source: Source, link: dict[str, Any], part: str) -> dict[str, Any]:
-    """The mean of a vector, which is what becomes of it where it is a number."""
-    settings = {"operation": "ADD", "clamp": False, "b": 0.0, "c": 0.0}
-    return {"node": t.once(source, lambda: {"type": "math", "a": link, **settings}, part), "output": "value"}
-
-
-def _volume_info(t: Translation, source: Source) -> Any:
-    """Grids by their usual names, which surfaces do not have."""
-    output = source.socket.identifier
-    if not t.in_medium:
-        return [0.0] * 3 if output == "Color" else 0.0
-    name = output.lower()
-    node = t.once(source, lambda: {"type": "attribute", "name": name}, name)
-    if output == "Color":
-        return {"node": node, "output": "color"}
-    return _mean(t, source, {"node": node, "output": "vector"}, f"{name} mean")
-
-
-def asked_of(node: Any) -> list[str]:
-    """Names under which a node asks meshes for attributes."""
-    name = attribute_name(node)
-    if not name or getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
-        return []
-    outputs = {socket.identifier for socket in node.outputs if socket.is_linked}
-    return [name] * bool(outputs - {"Fac"}) + [name + FACTOR] * ("Fac" in outputs)
-
-
-def attribute_name(node: Any) -> str | None:
-    """Name of the attribute that a node reads from meshes; None for other nodes. An empty name is the rendered colour
-    for Color Attribute, and the rendered UV map for UV Map."""
-    names = {
-        "ShaderNodeVertexColor": "layer_name",
-        "ShaderNodeAttribute": "attribute_name",
-        "ShaderNodeUVMap": "uv_map",
-    }
-    return getattr(node, names[node.bl_idname]) if node.bl_idname in names else None
-
-
 def _normal_map(t: Translation, source: Source) -> Any:
     node = source.node
 
@@ -487,12 +342,11 @@ def _first_input(feature: str) -> TranslateValue:
 
 
 VALUES: dict[str, TranslateValue] = {
-    "ShaderNodeTexImage": _image_texture,
-    "ShaderNodeTexEnvironment": _environment_texture,
+    **IMAGE_VALUES,
+    **ATTRIBUTE_VALUES,
     **TEXTURES,
     **VECTOR_VALUES,
     "ShaderNodeTexCoord": _texture_coordinate,
-    "ShaderNodeUVMap": _uv_map,
     "ShaderNodeMapping": _simple(
         "mapping",
         "vector",
@@ -521,9 +375,6 @@ VALUES: dict[str, TranslateValue] = {
     ),
     "ShaderNodeNormalMap": _normal_map,
     "ShaderNodeBump": _bump,
-    "ShaderNodeVertexColor": _attribute,
-    "ShaderNodeAttribute": _attribute,
-    "ShaderNodeVolumeInfo": _volume_info,
     "ShaderNodeMix": _mix,
     "ShaderNodeMixRGB": _mix_rgb,
     "ShaderNodeMath": _simple(
