@@ -21,7 +21,9 @@ def dependencies_of(block: bpy.types.ID) -> Iterator[bpy.types.ID | None]:
         yield from _of_object(block)
     elif isinstance(block, (bpy.types.Material, bpy.types.World)):
         yield from (node.image for node in image_nodes(used_tree(block)))
-        yield from (node.object for node in nodes_in(used_tree(block)) if getattr(node, "object", None) is not None)
+        # An object that turns a world is a part of the world's own fingerprint.
+        readers = nodes_in(used_tree(block)) if isinstance(block, bpy.types.Material) else ()
+        yield from (node.object for node in readers if getattr(node, "object", None) is not None)
     elif isinstance(block, bpy.types.GeometryNodeTree):
         yield from _of_group(block)
     elif isinstance(block, bpy.types.Collection):
