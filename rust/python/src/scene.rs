@@ -1,7 +1,9 @@
 //! `Scene` and `World`.
 
+use crate::array::Array;
 use crate::error::{NativeError, enter_native, invalid};
 use crate::job::PyJob;
+use glam::Vec3;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use relume_scene as scene;

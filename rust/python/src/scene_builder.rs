@@ -4,12 +4,11 @@ use crate::array::{Array, affine_from_rows, mat3_from_rows};
 use crate::error::{NativeError, enter_native, invalid};
 use crate::scene::{PyScene, PyWorld};
 use glam::{Vec2, Vec3};
-use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use relume_scene as scene;
+use relume_session::trace::displace;
 use relume_session::trace::shading::{Lamp, constant_emission, emission_map};
-use relume_session::trace::{TraceSettings, displace};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -18,6 +17,9 @@ use std::sync::Arc;
 pub struct PySceneBuilder {
     builder: scene::SceneBuilder,
 }
+
+/// Largest value of an emission map, and the map as JSON.
+type StoredMap = (f32, String);
 
 /// Source of the bytes of a texture.
 #[derive(FromPyObject)]
@@ -243,7 +245,7 @@ impl PySceneBuilder {
         py: Python<'_>,
         material: usize,
         lamp: &str,
-    ) -> PyResult<(Option<(f32, String)>, Vec<String>)> {
+    ) -> PyResult<(Option<StoredMap>, Vec<String>)> {
         let lamp: Lamp =
             serde_json::from_str(lamp).map_err(|error| invalid(format!("lamp (JSON): {error}")))?;
         let scene = self.builder.scene();
