@@ -19,7 +19,7 @@ PROFILE ?=
 WHEEL ?=
 NEWEST_DRIVER := CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER=$(CURDIR)/scripts/on-newest-driver
 
-.PHONY: setup check deny wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity quality bench bench-gpu solve cases hunt clean
+.PHONY: setup check deny wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity coverage quality bench bench-gpu solve cases hunt clean
 
 setup:
 	@$(TIMED) set-up scripts/setup
@@ -136,6 +136,10 @@ bench-gpu: wheel
 parity: wheel
 	@scripts/install-wheel "$(WHEELS)" $(BLENDERS)
 	$(PYTHON) scripts/parity/run.py --folder "$(SCENES)" $(PARITY)
+
+# Table of every shader node and setting, and of what becomes of it, from the oldest and the newest Blender that are here.
+coverage: setup
+	$(PYTHON) scripts/coverage.py
 
 # Small files that strangers might make, against Cycles in the oldest, the next and the newest Blender that are set up here;
 # CASES="--only 83 --version 5.3" for less. Keeps docs/bench/cases.json and the page beside it.

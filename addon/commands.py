@@ -21,7 +21,7 @@ from .core.progress import Pace, Reporter, clock
 from .engine.native import native
 from .engine.reading.scene import load_scene
 from .engine.shot import baked_state, record
-from .engine.workers import pictures, view_worker
+from .engine.workers import image_colors, pictures, view_worker
 from .engine.world import world_render, worlds
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
 
@@ -239,6 +239,13 @@ def color_view(options: argparse.Namespace, _rest: list[str], reporter: Reporter
     return 0
 
 
+def convert_image(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Makes an image scene-linear."""
+    image_colors.convert(Path(options.folder))
+    reporter.result({}, "converted")
+    return 0
+
+
 def render_world(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Renders a world with Cycles over all directions."""
     world_render.render(Path(options.folder))
@@ -300,6 +307,7 @@ COMMANDS = {
     "relight": relight,
     "verify": verify,
     pictures.COMMAND: read_picture,
+    image_colors.COMMAND: convert_image,
     worlds.COMMAND: render_world,
     view_worker.COMMAND: color_view,
 }

@@ -6,6 +6,8 @@ they ask for is not in the picture, and a warning says so. REFUSED: an error say
 change no picture of Relume.
 """
 
+from fnmatch import fnmatchcase
+
 READ, NAMED, REFUSED = "read", "named", "refused"
 VIEWS = "only for views and editors"
 NOISE = "changes noise and speed, not what the picture converges to"
@@ -57,8 +59,8 @@ TABLE = {
     },
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
-        "filter_width seed diffuse_bounces glossy_bounces transmission_bounces",
-        NAMED: "pixel_filter_type sample_clamp_* use_fast_gi film_transparent_glass use_camera_cull use_distance_cull "
+        "pixel_filter_type filter_width seed diffuse_bounces glossy_bounces transmission_bounces",
+        NAMED: "sample_clamp_* use_fast_gi film_transparent_glass use_camera_cull use_distance_cull "
         "texture_limit_render texture_resolution_render",
         "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
         "of nodes with scripts, which are named": "shading_system",
@@ -185,8 +187,7 @@ TABLE = {
     },
     "Image": {
         READ: "filepath filepath_raw source packed_file packed_files generated_* use_generated_float pixels "
-        "colorspace_settings alpha_mode use_view_as_render",
-        NAMED: "tiles",
+        "colorspace_settings alpha_mode use_view_as_render tiles",
         VIEWS: "display_aspect render_slots resolution seam_margin",
         OUTPUT: "file_format views_format",
         "of movies and stereo pictures": "use_deinterlace use_multiview stereo_3d_format",
@@ -215,3 +216,10 @@ TABLE = {
         "the sequencer's": "sequencer_colorspace_settings",
     },
 }
+
+
+def decision_on(structure, prop):
+    """What becomes of a property of a structure; None if nobody has decided. A whole name goes before a pattern."""
+    by_name = {pattern: fate for fate, patterns in TABLE[structure].items() for pattern in patterns.split()}
+    matching = (fate for pattern, fate in by_name.items() if fnmatchcase(prop, pattern))
+    return by_name.get(prop) or next(matching, None)

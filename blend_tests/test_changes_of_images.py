@@ -113,3 +113,73 @@ def test_another_picture_of_a_sequence_is_named(lit, tmp_path):
     write_image(tmp_path / "film_002.png", (0.0, 0.0, 0.0))
     scheduler.look_at_files()
     assert said(lit) == []
+
+
+def show(scene, kind, output="Color", **settings):
+    """A baked wall whose material shows an output of a node; returns the wall and the node."""
+    material, tree, surface = add_material("Screen")
+    node, emission = tree.nodes.new(kind), tree.nodes.new("ShaderNodeEmission")
+    for name, value in settings.items():
+        setattr(node, name, value)
+    tree.links.new(node.outputs[output], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], surface.inputs["Surface"])
+    wall = add_quad(scene, "Wall", material=material)
+    return wall, node
+
+
+def test_tiles_that_change_or_come_are_named(lit, tmp_path):
+    for number in (1001, 1002):
+        write_image(tmp_path / f"a.{number}.png", (0.1 * (number - 1000), 0.5, 0.5))
+    image = bpy.data.images.load(str(tmp_path / "a.1001.png"))
+    image.source, image.filepath = "TILED", str(tmp_path / "a.<UDIM>.png")
+    show(lit, "ShaderNodeTexImage", image=image)
+    bpy.context.view_layer.update()
+    start(lit)
+    assert said(lit) == []
+    words = [f"The file of image '{image.name}' changed"]
+    write_image(tmp_path / "a.1002.png", (0.9, 0.9, 0.9))
+    scheduler.look_at_files()
+    assert said(lit) == words
+    start(lit)
+    assert said(lit) == []
+    write_image(tmp_path / "a.1003.png", (0.1, 0.2, 0.3))
+    image.tiles.new(1003)
+    shot.of(lit).changes.mark_all()
+    assert said(lit) == words
+
+
+def test_an_object_that_gives_coordinates_is_watched(lit):
+    other = bpy.data.objects.new("Other", None)
+    lit.collection.objects.link(other)
+    show(lit, "ShaderNodeTexCoord", "Object", object=other)
+    bpy.context.view_layer.update()
+    start(lit)
+    assert said(lit) == []
+    other.location.x = 1.0
+    bpy.context.view_layer.update()
+    assert said(lit) == ["'Other' moved"]
+
+
+def test_custom_properties_that_materials_ask_for_are_watched(lit):
+    wall, _ = show(lit, "ShaderNodeAttribute", attribute_type="OBJECT", attribute_name="paint")
+    wall["paint"], wall["other"] = 0.2, 0.3
+    wall.update_tag()
+    bpy.context.view_layer.update()
+    start(lit)
+    assert said(lit) == []
+    for name, words in (("other", []), ("paint", ["Custom properties of 'Wall' changed"])):
+        wall[name] = 0.9
+        wall.update_tag()
+        bpy.context.view_layer.update()
+        assert said(lit) == words
+
+
+def test_properties_of_the_scene_that_materials_ask_for_are_watched(lit):
+    show(lit, "ShaderNodeAttribute", attribute_type="VIEW_LAYER", attribute_name="paint")
+    lit["paint"] = 0.2
+    bpy.context.view_layer.update()
+    start(lit)
+    assert said(lit) == []
+    lit["paint"] = 0.7
+    shot.of(lit).changes.mark_all()
+    assert said(lit) == ["Material 'Screen' changed"]

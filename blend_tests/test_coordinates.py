@@ -117,7 +117,7 @@ def test_displacement_that_is_only_looked_at_bumps_the_surface(scene, tmp_path, 
             displaced(tree, output, wave.outputs[0], space=space)
     means, warnings = cards.means(tmp_path, samples=32)
     assert differences(means, tolerance=0.03) == {}
-    assert all("taken as a bump map" in warning for warning in warnings)
+    assert warnings == []
 
 
 def short_normal(tree):

@@ -342,14 +342,6 @@ def test_the_shadow_terminator_is_read_from_where_it_is_kept(scene):
     assert (instance["shadow_terminator_offset"], instance["shadow_terminator_shading"]) == (0.25, 0.5)
 
 
-def test_shadows_that_hidden_objects_do_not_cast_are_named(scene):
-    plane = add_quad(scene, "Plane")
-    plane.visible_diffuse = False
-    assert any("'Plane': hidden from diffuse rays" in warning for warning in exported(scene)["warnings"])
-    plane.visible_diffuse, plane.visible_camera = True, False
-    assert exported(scene)["warnings"] == []
-
-
 def test_a_mesh_is_there_while_it_is_edited(scene):
     quad = add_quad(scene)
     quad.modifiers.new("Smooth", "SUBSURF").render_levels = 2

@@ -419,13 +419,6 @@ def test_byte_images_keep_their_color_space(scene, space, expected):
     assert warnings == []
 
 
-def test_other_color_spaces_are_named(scene):
-    image = bpy.data.images.new("Brick", 8, 4)
-    image.colorspace_settings.name = "AgX Base sRGB"
-    texture, warnings = textured(scene, image)
-    assert texture["encoding"] == "srgb" and any("'AgX Base sRGB'" in warning for warning in warnings)
-
-
 def test_float_images_stay_float(scene):
     texture, _ = textured(scene, bpy.data.images.new("Light", 8, 4, float_buffer=True))
     assert texture["float"] and texture["encoding"] == "linear"

@@ -58,6 +58,7 @@ def parser() -> argparse.ArgumentParser:
     _add_verify(commands)
     _add_read_picture(commands)
     _add_render_world(commands)
+    _add_convert_image(commands)
     _add_color_view(commands)
     for name, text in FORWARDED.items():
         commands.add_parser(name, help=f"{text} (see `{PROGRAM} {name} --help`)", add_help=False)
@@ -114,6 +115,12 @@ def _add_render_world(commands: argparse._SubParsersAction) -> None:
     render = commands.add_parser("render-world", help="render a world with Cycles over all directions (used by a bake)")
     render.add_argument("folder", help="folder with the job, for the result too")
     _add_output(render)
+
+
+def _add_convert_image(commands: argparse._SubParsersAction) -> None:
+    convert = commands.add_parser("convert-image", help="make an image scene-linear (used by a bake)")
+    convert.add_argument("folder", help="folder with the job, for the result too")
+    _add_output(convert)
 
 
 def _add_color_view(commands: argparse._SubParsersAction) -> None:

@@ -82,7 +82,7 @@ def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> 
     for name in sorted(set(attribute_names) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
         attribute = mesh.attributes.get(name.removesuffix(FACTOR))
         if attribute is not None and _is_readable(attribute):
-            colors = _as_colors(attribute, arrays["corner_verts"], arrays["face_starts"])
+            colors = _as_colors(mesh, attribute, arrays["corner_verts"], arrays["face_starts"])
             arrays["color_attributes"][name] = as_factors(attribute, colors) if name.endswith(FACTOR) else colors
     if _has_attribute(mesh, "material_index", "INT", "FACE"):
         arrays["material_slots"] = _attribute(mesh, "material_index")
@@ -128,17 +128,34 @@ def _color_attributes(mesh: bpy.types.Mesh, corner_verts: np.ndarray) -> dict[st
     return colors
 
 
-def _as_colors(attribute: bpy.types.Attribute, corner_verts: np.ndarray, face_starts: np.ndarray) -> np.ndarray:
+def _as_colors(
+    mesh: bpy.types.Mesh, attribute: bpy.types.Attribute, corner_verts: np.ndarray, face_starts: np.ndarray
+) -> np.ndarray:
     """Colours that Cycles makes of any attribute, [C, 4]."""
     colors = as_colors(attribute)
     if attribute.domain == "CORNER":
         return colors
+    if attribute.domain == "EDGE":
+        means = _at_vertices(colors, _attribute(mesh, ".edge_verts"), len(mesh.vertices))
+        if attribute.data_type == "BOOLEAN":
+            means = np.ceil(means)
+        elif attribute.data_type in {"INT", "INT8"}:
+            means = np.copysign(np.floor(np.abs(means) + 0.5), means)
+        return means[corner_verts]
     faces = np.diff(face_starts, append=len(corner_verts))
     return colors[corner_verts] if attribute.domain == "POINT" else np.repeat(colors, faces, axis=0)
 
 
+def _at_vertices(colors: np.ndarray, edges: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Means of the colours of all edges at each vertex, 0 where there are none."""
+    ends = edges.reshape(-1)
+    sums = [np.bincount(ends, np.repeat(channel, 2), vertex_count) for channel in colors.T]
+    edge_counts = np.bincount(ends, minlength=vertex_count)
+    return (np.stack(sums, axis=1) / np.maximum(edge_counts, 1)[:, None]).astype(np.float32)
+
+
 def _is_readable(attribute: bpy.types.Attribute) -> bool:
-    return attribute.data_type in LAYOUTS.keys() - UNREAD and attribute.domain in {"POINT", "CORNER", "FACE"}
+    return attribute.data_type in LAYOUTS.keys() - UNREAD and attribute.domain in {"POINT", "CORNER", "FACE", "EDGE"}
 
 
 def _has_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str) -> bool:

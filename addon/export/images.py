@@ -6,12 +6,16 @@ native module decodes files, packed ones too, as far as it comes to the pixels t
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
 from .arrays import touched
+from .target import from_srgb
 from .working_space import LINEAR_REC709, scene_linear_from_rec709, working_space
 
 ALPHA = {"STRAIGHT": "straight", "PREMUL": "premultiplied", "CHANNEL_PACKED": "channel_packed", "NONE": "none"}
@@ -22,15 +26,45 @@ LAST_NUMBER = re.compile(r"\d+(?=[^\d/\\]*\.[^./\\]*$)")
 MAGENTA = np.array([[[255, 0, 255, 255]]], np.uint8)
 
 
+@dataclass(frozen=True)
+class Encoded:
+    """An image that only Blender can make scene-linear."""
+
+    space: str
+    """Blender's name of the colour space."""
+    alpha: str
+    """Blender's alpha mode."""
+    file: str | bytes = ""
+    """Path of the file, or what is in it."""
+    pixels: np.ndarray | None = None
+    """Pixels [height, width, 4] from 0 to 1 in the colour space, bottom row first, of what is in no file."""
+
+
+class ConvertError(Exception):
+    """An image could not be made scene-linear; the message says why."""
+
+
+Convert = Callable[[Encoded], np.ndarray]
+"""Makes an image scene-linear: RGBA [height, width, 4], bottom row first, multiplied by alpha unless that is unrelated.
+Raises ConvertError."""
+
+
+def no_convert(_image: Encoded) -> np.ndarray:
+    """Converts nothing."""
+    raise ConvertError("there is no other Blender to convert it")
+
+
 class ImageExporter:
     """Exports each image once and remembers its number."""
 
-    def __init__(self, builder: Any, frame: int):
+    def __init__(self, builder: Any, frame: int, convert: Convert = no_convert):
         """Exports to a builder of a scene, at a frame."""
         self.builder = builder
+        self.convert = convert
         self.frame = frame
         """Frame of the scene, for images of a sequence."""
         self.numbers: dict[tuple[str, str], int] = {}
+        self.tile_numbers: dict[tuple[str, int], int | None] = {}
 
     def number(self, image: bpy.types.Image, user: str, settings: bpy.types.ImageUser) -> int:
         """Number of an image as a node's settings choose it; `user` names who asks, for messages."""
@@ -44,20 +78,91 @@ class ImageExporter:
         """Blender's magenta, for a texture node without an image file."""
         return self.builder.add_texture(user, MAGENTA, encoding="linear", alpha="none")
 
+    def tiles(self, image: bpy.types.Image, user: str) -> list[dict[str, int]]:
+        """Tiles of an image, each with its number and that of its texture; those that cannot be read are left out."""
+        if image.is_dirty:
+            self.builder.warn(f"{user}: unsaved paint on tiles of image '{image.name}' is left out; save the image")
+        found = []
+        for tile in image.tiles:
+            key = image.name_full, tile.number
+            if key not in self.tile_numbers:
+                self.tile_numbers[key] = self._tile(image, tile, user)
+            if (texture := self.tile_numbers[key]) is not None:
+                found.append({"number": tile.number, "texture": texture})
+        return found
+
+    def _tile(self, image: bpy.types.Image, tile: bpy.types.UDIMTile, user: str) -> int | None:
+        packed = next((each.packed_file for each in image.packed_files if each.tile_number == tile.number), None)
+        path = bpy.path.abspath(image.filepath, library=image.library)
+        if packed is None and getattr(tile, "is_generated_tile", False):
+            return self._generated(image, tile, user)
+        path = tile_path(path, tile.number)
+        file = packed.data if packed else path
+        colors = colors_of(image)
+        number = self._decoded(image, file, colors if keeps_bytes() or colors == "data" else None)
+        if number is not None:
+            return number
+        try:
+            if isinstance(file, str) and not Path(file).is_file():
+                raise ConvertError(f"there is no file {file}" if file else "it is in no file; save the image")
+            return self._converted(image, Encoded(image.colorspace_settings.name, image.alpha_mode, file))
+        except ConvertError as error:
+            words = f"tile {tile.number} of image '{image.name}' could not be read ({error}); shown magenta"
+            self.builder.warn(f"{user}: {words}")
+            return None
+
+    def _converted(self, image: bpy.types.Image, encoded: Encoded) -> int:
+        texels = self.convert(encoded)
+        return self.builder.add_texture(
+            image.name, texels, encoding="linear", alpha=ALPHA.get(image.alpha_mode, "straight")
+        )
+
+    def _generated(self, image: bpy.types.Image, tile: bpy.types.UDIMTile, user: str) -> int:
+        """A tile that no file holds, as one texel of its colour."""
+        if tile.generated_type != "BLANK":
+            self.builder.warn(
+                f"{user}: the grid of tile {tile.number} of image '{image.name}' is left out; save the image"
+            )
+        color = np.array(tile.generated_color, np.float32).reshape(1, 1, 4)
+        is_linear = tile.use_generated_float or colors_of(image) in {"linear", "data"}
+        texels = color if tile.use_generated_float else np.rint(255.0 * color).astype(np.uint8)
+        return self.builder.add_texture(
+            image.name,
+            texels,
+            encoding="linear" if is_linear else "srgb",
+            alpha=ALPHA.get(image.alpha_mode, "straight"),
+        )
+
+    def _decoded(self, image: bpy.types.Image, file: Any, colors: str | None) -> int | None:
+        """A file, or the bytes of one, as the native module decodes it; None if it cannot."""
+        if colors is None:
+            return None
+        alpha = ALPHA.get(image.alpha_mode, "straight")
+        scene_from_rec709 = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
+        return self.builder.add_texture_file(
+            image.name, file, colors=colors, alpha=alpha, scene_from_rec709=scene_from_rec709
+        )
+
     def _export(self, image: bpy.types.Image, path: str, user: str) -> int:
         alpha = ALPHA.get(image.alpha_mode, "straight")
         note = note_on(image)
         colors = colors_of_file(image)
+        if colors in {"srgb", "linear"} and not keeps_bytes() and not image.is_float:
+            colors = None
         if colors is not None:
-            file = image.packed_file.data if image.packed_file else path
-            scene_from_rec709 = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
-            number = self.builder.add_texture_file(
-                image.name, file, colors=colors, alpha=alpha, scene_from_rec709=scene_from_rec709
-            )
+            number = self._decoded(image, image.packed_file.data if image.packed_file else path, colors)
             if number is not None:
                 if note and image.source == "TILED":
                     self.builder.warn(f"{user}: {note}")
                 return number
+        is_unknown = colors_of(image) is None or (is_one_of_several(image) and not keeps_bytes())
+        if is_unknown and (encoded := self._encoded(image, path)) is not None:
+            try:
+                return self._converted(image, encoded)
+            except ConvertError as error:
+                space = image.colorspace_settings.name
+                words = f"colour space '{space}' of image '{image.name}' is taken as sRGB ({error})"
+                self.builder.warn(f"{user}: {words}")
         texels = self._texels(image)
         if texels is None:
             path = path or image.name
@@ -67,7 +172,24 @@ class ImageExporter:
             self.builder.warn(f"{user}: {note}")
         if image.is_float and alpha == "straight" and is_in_memory(image):
             alpha = _associate(image, texels)
-        return self.builder.add_texture(image.name, texels, encoding=self._encoding(image, user), alpha=alpha)
+        colors = "linear" if image.is_float else colors_of(image) or "srgb"
+        if not image.is_float and colors != "data" and not keeps_bytes():
+            texels, colors = _scene_linear(texels, alpha, colors), "linear"
+        encoding = "srgb" if colors == "srgb" else "linear"
+        return self.builder.add_texture(image.name, texels, encoding=encoding, alpha=alpha)
+
+    def _encoded(self, image: bpy.types.Image, path: str) -> Encoded | None:
+        """An image whose colour space the native module does not know; None if Blender has it scene-linear already, or
+        has no pixels of it."""
+        space, alpha = image.colorspace_settings.name, image.alpha_mode
+        if is_one_of_several(image) or is_as_in_file(image):
+            return Encoded(space, alpha, image.packed_file.data if image.packed_file else path)
+        width, height = image.size
+        if image.is_float or 0 in (width, height, image.channels):
+            return None
+        values = np.empty(width * height * image.channels, np.float32)
+        image.pixels.foreach_get(values)
+        return Encoded(space, alpha, pixels=as_rgba(values.reshape(height, width, image.channels)))
 
     def _texels(self, image: bpy.types.Image) -> np.ndarray | None:
         """RGBA [height, width, 4], bottom row first; None if there are no pixels."""
@@ -76,20 +198,11 @@ class ImageExporter:
             return None
         values = touched(width * height * image.channels, np.float32)
         image.pixels.foreach_get(values)
-        values = _as_rgba(values.reshape(height, width, image.channels))
+        values = as_rgba(values.reshape(height, width, image.channels))
         if image.is_float:
             return values
         np.multiply(values, 255.0, out=values)
         return np.rint(values, out=values).astype(np.uint8)
-
-    def _encoding(self, image: bpy.types.Image, user: str) -> str:
-        space = image.colorspace_settings.name
-        # Blender has already converted float pixels to the scene's linear space.
-        if image.is_float or space in LINEAR_SPACES:
-            return "linear"
-        if space not in SRGB_SPACES:
-            self.builder.warn(f"{user}: colour space '{space}' of image '{image.name}' is taken as sRGB")
-        return "srgb"
 
 
 def is_in_memory(image: bpy.types.Image) -> bool:
@@ -110,13 +223,26 @@ def _associate(image: bpy.types.Image, texels: np.ndarray) -> str:
 def colors_of_file(image: bpy.types.Image) -> str | None:
     """Meaning of the values in an image's file, by the native module's name; None if Blender may have other values than
     the file, or if the native module does not know the colour space."""
-    is_one_of_several = image.source in {"TILED", "SEQUENCE"} and not image.is_dirty and not image.packed_files
-    if not is_one_of_several and not is_as_in_file(image):
-        return None
+    return colors_of(image) if is_one_of_several(image) or is_as_in_file(image) else None
+
+
+def is_one_of_several(image: bpy.types.Image) -> bool:
+    """True if an image shows one file of several, as it is there."""
+    return image.source in {"TILED", "SEQUENCE"} and not image.is_dirty and not image.packed_files
+
+
+def colors_of(image: bpy.types.Image) -> str | None:
+    """Meaning of an image's values as its settings say, by the native module's name; None of a colour space that it
+    does not know."""
     if image.colorspace_settings.is_data:
         return "data"
     space = image.colorspace_settings.name
     return "linear" if space in LINEAR_SPACES else "srgb" if space in SRGB_SPACES else None
+
+
+def keeps_bytes() -> bool:
+    """True if colours of 8 bits stay as they are: their primaries are those of the scene."""
+    return working_space() == LINEAR_REC709
 
 
 def path_of(image: bpy.types.Image, settings: bpy.types.ImageUser, frame: int) -> str:
@@ -162,7 +288,19 @@ def is_as_in_file(image: bpy.types.Image) -> bool:
     return not image.has_data or bool(image.filepath)  # Made in Blender: what is packed may lack the alpha that it has.
 
 
-def _as_rgba(values: np.ndarray) -> np.ndarray:
+def _scene_linear(texels: np.ndarray, alpha: str, colors_are: str) -> np.ndarray:
+    """Floats in a working space of other primaries, multiplied by alpha unless that is unrelated, of bytes that hold
+    sRGB or linear Rec.709."""
+    values = texels.astype(np.float32) / 255.0
+    linear = from_srgb(values[..., :3]).astype(np.float32) if colors_are == "srgb" else values[..., :3]
+    colors = linear @ scene_linear_from_rec709().T
+    if alpha == "straight":
+        colors *= values[..., 3:]
+    return np.concatenate([colors, values[..., 3:]], axis=2)
+
+
+def as_rgba(values: np.ndarray) -> np.ndarray:
+    """Pixels of one to four channels as RGBA."""
     height, width, channels = values.shape
     if channels == 4:
         return values

@@ -247,6 +247,8 @@ class _DirectionTranslation(ConstantTranslation):
                 self._read(DIRECTIONS[output])
                 self.in_world = node
                 return Translation._output(self, source)
+            case "ShaderNodeTexImage" if node.projection == "BOX" or (node.image and node.image.source == "TILED"):
+                raise VaryingNodeError(node)
             case "ShaderNodeTexIES":
                 return {"node": self.once(source, lambda: self._ies(source)), "output": "value"}
             case name if name in BY_DIRECTION:

@@ -15,12 +15,13 @@ from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .curves import CurvesExporter, Strands
 from .geometry import GeometryExporter, is_open, shown_mesh
-from .images import ImageExporter
+from .images import Convert, ImageExporter, no_convert
 from .lamp_shaders import LampShaders
 from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
+from .object_attributes import asks_instancer, surroundings_of, values_of_instance
 from .points import PointsExporter
 from .volumes import VolumeExporter, density_factor, smoke_domain
 from .world import Space, WorldRenderError, export_world, world_of
@@ -65,9 +66,11 @@ def export_scene(
     depsgraph: bpy.types.Depsgraph,
     options: ExportOptions,
     render_world: RenderWorld = _no_render,
+    convert_image: Convert = no_convert,
 ) -> None:
     """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders. What a world's nodes do
-    `render_world` finds out where they are more than a colour or an environment texture."""
+    `render_world` finds out where they are more than a colour or an environment texture. `convert_image` knows all
+    colour spaces."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
     if not depsgraph.view_layer.use_solid:
@@ -77,7 +80,7 @@ def export_scene(
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     camera = _camera_object(depsgraph, options)
     builder.set_camera(camera_json(camera, scene, size))
-    _SceneExporter(builder, depsgraph, camera, render_world).run()
+    _SceneExporter(builder, depsgraph, camera, render_world, convert_image).run()
 
 
 def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
@@ -97,6 +100,8 @@ class _Shared(NamedTuple):
     name: str
     materials: list[int]
     settings: dict[str, Any]
+    asked: set[str]
+    """Names that its materials ask each instance for."""
 
 
 class _Placed(NamedTuple):
@@ -122,14 +127,15 @@ class _SceneExporter:
         depsgraph: bpy.types.Depsgraph,
         camera: bpy.types.Object,
         render_world: RenderWorld,
+        convert_image: Convert,
     ):
         self.builder = builder
         self.camera = camera
         self.render_world = render_world
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
-        self.images = ImageExporter(builder, depsgraph.scene.frame_current)
-        self.materials = MaterialExporter(builder, self.images)
+        self.images = ImageExporter(builder, depsgraph.scene.frame_current, convert_image)
+        self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(
             lambda light: builder.add_light(json.dumps(light)),
@@ -202,6 +208,7 @@ class _SceneExporter:
         if key not in self.shared:
             self.shared[key] = self._shared(obj, owner, placed)
         shared = self.shared[key]
+        attributes = {"attributes": values_of_instance(instance, shared.asked)} if shared.asked else {}
         self.builder.add_instance(
             shared.name,
             placed.number,
@@ -210,6 +217,7 @@ class _SceneExporter:
             kind=placed.kind,
             random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(shared.name),
             **shared.settings,
+            **attributes,
             **volume,
         )
 
@@ -236,7 +244,11 @@ class _SceneExporter:
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
-        return _Shared(obj.name, materials, settings)
+        asked = set().union(*(self.materials.of_objects.get(number, ()) for number in materials))
+        if owner != obj.original and asks_instancer(asked) and any(each.type == "NODES" for each in owner.modifiers):
+            words = "attributes that nodes give their instances are not known; those of the instancer are taken"
+            self.builder.warn(f"object '{obj.name}': {words}")
+        return _Shared(obj.name, materials, settings, asked)
 
     def _slots(self, obj: bpy.types.Object) -> list[bpy.types.Material | None]:
         """Materials of an evaluated object: it has a slot for each of its mesh."""
@@ -295,7 +307,7 @@ class _SceneExporter:
         for attributes in (self.materials.attributes[number] for number in materials):
             for name in sorted(attributes.keys() - placed.attributes):
                 where = attributes.pop(name)  # Said once for each material.
-                problem = f"its vertices, corners and faces have no attribute '{name}'; taken as 0"
+                problem = f"it has no attribute '{name}'; taken as 0"
                 if name == ANY_UV_MAP:
                     problem = (
                         "its mesh has no UV map, and the normal map bends light otherwise than in Cycles; unwrap it"

@@ -52,5 +52,5 @@ def _pixel_filter(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[s
     if cycles.pixel_filter_type == "BOX":
         return {"type": "box"}
     if cycles.pixel_filter_type == "GAUSSIAN":
-        warn(f"scene '{scene.name}': the Gaussian pixel filter is taken as Blackman-Harris of the same width")
+        return {"type": "gaussian", "width": cycles.filter_width}
     return {"type": "blackman_harris", "width": cycles.filter_width}

@@ -92,7 +92,7 @@ def undone(scene: bpy.types.Scene, shown: np.ndarray) -> tuple[np.ndarray, str, 
         return from_srgb(shown**view.gamma) / exposure, f"Target read as this scene displays it ({name})", False
     plain = view.look == "None" and not view.use_curve_mapping and not getattr(view, "use_white_balance", False)
     if plain and name in INVERSES and scene.display_settings.display_device == "sRGB":
-        linear = _through_blender(shown**view.gamma, INVERSES[name]) / exposure
+        linear = through_blender(shown**view.gamma, INVERSES[name]) / exposure
         return linear, f"Target read as this scene displays it ({name})", False
     transform = f"{name} with its look, curves or white balance" if name in INVERSES else name
     return from_srgb(shown), f"Target read as plain sRGB: {transform} cannot be undone", True
@@ -145,7 +145,7 @@ def _fitted(picture: Picture, size: tuple[int, int]) -> np.ndarray:
     return pixels if pixels.shape[2] == 4 else np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=2)
 
 
-def _through_blender(shown: np.ndarray, space: str) -> np.ndarray:
+def through_blender(shown: np.ndarray, space: str) -> np.ndarray:
     """Display colours to scene-linear ones by Blender's own colour management, which works on files."""
     handle, name = tempfile.mkstemp(suffix=".exr", dir=bpy.app.tempdir or None)
     os.close(handle)

@@ -13,6 +13,7 @@ from ...export.stop import ExportCancelled, Stop
 from ...export.view_layer import render_layer
 from ...export.working_space import LINEAR_REC709, working_space
 from ..native import native
+from ..workers import image_colors
 from ..world import worlds
 from .render_depsgraph import RenderTask, start_with_render_depsgraph, with_render_depsgraph
 
@@ -52,12 +53,13 @@ def scene_of_depsgraph(
     for note in notes:
         builder.warn(note)
     if working_space() != LINEAR_REC709:
-        builder.warn(f"working space {working_space()}: image textures and black bodies keep {LINEAR_REC709} primaries")
+        builder.warn(f"working space {working_space()}: black bodies keep {LINEAR_REC709} primaries")
     export_scene(
         _Stoppable(builder, stop),
         depsgraph,
         options or ExportOptions(),
         lambda world: worlds.rendered(world, stop),
+        lambda image: image_colors.converted(image, stop),
     )
     return builder.build()
 

@@ -21,6 +21,9 @@ def dependencies_of(block: bpy.types.ID) -> Iterator[bpy.types.ID | None]:
         yield from _of_object(block)
     elif isinstance(block, (bpy.types.Material, bpy.types.World)):
         yield from (node.image for node in image_nodes(used_tree(block)))
+        # An object that turns a world is a part of the world's own fingerprint.
+        readers = nodes_in(used_tree(block)) if isinstance(block, bpy.types.Material) else ()
+        yield from (node.object for node in readers if getattr(node, "object", None) is not None)
     elif isinstance(block, bpy.types.GeometryNodeTree):
         yield from _of_group(block)
     elif isinstance(block, bpy.types.Collection):
@@ -84,8 +87,12 @@ def _pointer_names(kind: str) -> list[str]:
 
 def image_nodes(tree: bpy.types.NodeTree | None) -> Iterator[bpy.types.Node]:
     """The nodes with images of a material or world."""
+    return (node for node in nodes_in(tree) if getattr(node, "image", None) is not None)
+
+
+def nodes_in(tree: bpy.types.NodeTree | None) -> Iterator[bpy.types.Node]:
+    """The nodes of a material or world, those of groups too."""
     for node in tree.nodes if tree else ():
-        if getattr(node, "image", None) is not None:
-            yield node
+        yield node
         if (inner := getattr(node, "node_tree", None)) is not None:
-            yield from image_nodes(inner)
+            yield from nodes_in(inner)

@@ -15,26 +15,26 @@ from typing import Any, NamedTuple
 
 import bpy
 
-from ...core.diff import Fingerprint, color_text
+from ...core.diff import Fingerprint
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
 from ...export.curves import hides_hair, strand_shape
 from ...export.images import frame_of, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
 from ...export.lights import rules_of_lights
-from ...export.materials import MaterialExporter, sampling_settings
-from ...export.materials.graph import has_volume, used_tree
+from ...export.materials import sampling_settings
+from ...export.materials.graph import used_tree
+from ...export.object_attributes import find_rgba
 from ...export.plain import plain
 from ...export.scene import shadow_terminator
 from ...export.view_layer import render_layer
 from ...export.working_space import working_space
-from ...export.world import export_world, world_of
-from ...export.world_graph import WorldGraph
-from ..native import native
-from .dependencies import dependencies_of, image_nodes, may_instance
+from ...export.world import world_of
+from .dependencies import dependencies_of, image_nodes, may_instance, nodes_in
 from .node_fingerprints import drawn_curves, group, hashed, ramp, tree, values
 from .shape_fingerprints import DATA, shape
 from .volume_fingerprints import smoke, stamp, volume
+from .world_fingerprints import space, world
 
 Steps = Generator[None, None, Fingerprint | None]
 """Takes a fingerprint in steps of a few milliseconds, many for a large mesh; returns None if there is none."""
@@ -236,6 +236,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     }
     if not obj.visible_volume_scatter:
         found["scatter"] = "hidden"
+    if asked := _asked_of(obj):
+        found["attributes"] = hashed(asked)
     if obj.data is not None:
         found["data"] = obj.data.name_full
     elif obj.instance_collection is not None:
@@ -248,6 +250,19 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     if obj.pose:
         found["pose"] = hashed([_matrix(bone.matrix) for bone in obj.pose.bones])
     return found
+
+
+def _asked_of(obj: bpy.types.Object) -> list:
+    """Custom properties that an object's materials may ask it, its data or what it instances for. Costs next to nothing
+    where there are none."""
+    owners = [owner for owner in (obj, obj.data) if owner is not None and len(owner.keys())]
+    names = {
+        node.attribute_name
+        for material in (bpy.data.materials if owners else ())
+        for node in nodes_in(used_tree(material))
+        if getattr(node, "attribute_type", "") in {"OBJECT", "INSTANCER"}
+    }
+    return [(name, find_rgba(owner, name)) for owner in owners for name in sorted(names) if name in owner.keys()]
 
 
 def _modifier(modifier: bpy.types.Modifier) -> list:
@@ -302,11 +317,13 @@ def _instanced_fingerprint(collection: bpy.types.Collection) -> Fingerprint | No
 
 def _image(image: bpy.types.Image) -> Fingerprint | None:
     """Fingerprint of the files behind an image, including all tiles."""
-    if image.source not in {"FILE", "SEQUENCE", "TILED"} or image.packed_file:
+    if image.source not in {"FILE", "SEQUENCE", "TILED"}:
         return None
+    tiles = [tile.number for tile in image.tiles] if image.source == "TILED" else []
+    if image.packed_file:
+        return {"tiles": hashed(tiles)} if tiles else None
     path = bpy.path.abspath(image.filepath, library=image.library)
-    paths = [tile_path(path, tile.number) for tile in image.tiles] if image.source == "TILED" else [path]
-    return {"file": hashed([stamp(found) for found in paths])}
+    return {"file": hashed([stamp(tile_path(path, number)) for number in tiles] if tiles else [stamp(path)])}
 
 
 def _smoke(scene: bpy.types.Scene) -> Fingerprint:
@@ -399,62 +416,6 @@ def _layers(layer: bpy.types.LayerCollection, is_hidden: bool) -> Iterator[tuple
         yield from _layers(child, is_hidden)
 
 
-class _WorldRecorder:
-    """Scene builder and exporter that only records what `export_world` passes to them."""
-
-    def __init__(self, frame: int) -> None:
-        self.frame = frame
-        self.color = [0.0, 0.0, 0.0]
-        self.shape: list[Any] = []
-
-    def set_world(self, color: list[float], texture: Any = None, **shape: Any) -> None:
-        """Records the world; called like the scene builder's method."""
-        self.color, self.shape = color, [texture, sorted(shape.items())]
-
-    def number(self, image: bpy.types.Image, _owner: str, settings: bpy.types.ImageUser) -> str:
-        """Identifies an image with its settings; called like the image exporter's method."""
-        path = path_of(image, settings, self.frame) if image.source == "SEQUENCE" else image.filepath
-        return repr([image.name_full, path, image.colorspace_settings.name, image.alpha_mode])
-
-    def missing(self, _owner: str) -> str:
-        """Stands for an image that is not there."""
-        return ""
-
-    def add_material(self, text: str) -> int:
-        """Records a material, as of the world's volume; called like the scene builder's method."""
-        self.shape.append(text)
-        return 0
-
-    def texture_of(self, graph: WorldGraph, _name: str) -> str:
-        """Identifies a world's node graph by its text, in place of rendering it."""
-        return graph.text
-
-    def constant_emission(self, shader: str) -> Any:
-        """Computes what a shader emits everywhere, as the scene builder does."""
-        return native().SceneBuilder.constant_emission(shader)
-
-    def warn(self, message: str) -> None:
-        """Records a feature that cannot be represented: it is a part of the world too."""
-        self.shape.append(message)
-
-
-def world(scene: bpy.types.Scene) -> Fingerprint:
-    """Fingerprint of the scene's world."""
-    recorder: Any = _WorldRecorder(scene.frame_current)
-    export_world(recorder, recorder, recorder.texture_of, scene, render_layer(scene))
-    return {"shape": hashed(recorder.shape), "color": color_text(recorder.color)}
-
-
-def _space(scene: bpy.types.Scene) -> Fingerprint:
-    """Fingerprint of the medium that fills all space."""
-    found = world_of(scene, render_layer(scene))
-    if found is None or not has_volume(found):
-        return {"volume": ""}
-    recorder: Any = _WorldRecorder(scene.frame_current)
-    MaterialExporter(recorder, recorder).world_volume(found)
-    return {"volume": hashed(recorder.shape)}
-
-
 ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Fingerprint | None]] = {
     "camera": _camera,
     "film": _film,
@@ -462,7 +423,7 @@ ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Fingerprint | None]] = {
     "rules": _rules,
     "collections": _collections,
     "world": world,
-    "space": _space,
+    "space": space,
     "sequences": _sequences,
     "smoke": _smoke,
 }

@@ -9,7 +9,9 @@ from typing import Any
 import bpy
 
 from ...export.materials.coordinates import is_mapped
+from ...export.object_attributes import value_of_layer
 from ...export.plain import SIMPLE, effective_properties, plain
+from ...export.view_layer import render_layer
 
 VIEWER = "GeometryNodeViewer"
 """Shows what is computed, and computes nothing."""
@@ -96,6 +98,9 @@ def _node(node: bpy.types.Node) -> list:
         extra.append([[tuple(point.location) for point in curve.points] for curve in mapping.curves])
     if (image := getattr(node, "image", None)) is not None:
         extra.append([image.filepath, image.colorspace_settings.name])
+    if getattr(node, "attribute_type", "") == "VIEW_LAYER":
+        scene = bpy.context.scene
+        extra.append(value_of_layer(scene, render_layer(scene), node.attribute_name))
     if (mapping := getattr(node, "texture_mapping", None)) is not None and is_mapped(node):
         extra.append(values(mapping))
     if not getattr(node, "is_active_output", True):

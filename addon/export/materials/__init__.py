@@ -1,7 +1,8 @@
 """Material node trees to the JSON form of `relume_scene::Material`."""
 
+from .attribute_nodes import FACTOR
 from .exporter import MaterialExporter, asked_attributes
 from .translation import sampling_settings
-from .values import ANY_UV_MAP, FACTOR
+from .values import ANY_UV_MAP
 
 __all__ = ["ANY_UV_MAP", "FACTOR", "MaterialExporter", "asked_attributes", "sampling_settings"]

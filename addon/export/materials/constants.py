@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 
 from ...core.blackbody import blackbody_color
+from ..object_attributes import Surroundings
 from .closures import CLOSURES
 from .exporter import TABLES
 from .graph import NUMBERS, Context, Source, Value
@@ -52,7 +53,7 @@ class ConstantTranslation(Translation):
         """`light_path` gives the value of an output of the Light Path node, if it is the same for all that the light
         meets."""
         images: Any = None  # Images vary.
-        super().__init__(None, images, TABLES, None, "")
+        super().__init__(None, images, TABLES, None, "", Surroundings())
         self.glow = 0.1 if bpy.app.version < (4, 5, 0) else 1.0
         self.compute = compute
         self.light_path = light_path

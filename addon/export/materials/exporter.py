@@ -11,11 +11,13 @@ from typing import Any
 import bpy
 
 from ..images import ImageExporter
+from ..object_attributes import Surroundings
+from .attribute_nodes import asked_of
 from .closures import CLOSURES, FALLBACK_CLOSURES
 from .graph import used_tree
 from .hair import HAIR_CLOSURES, HAIR_VALUES
 from .translation import DEFAULT_SURFACE, NodeTables, Translation
-from .values import VALUES, asked_of
+from .values import VALUES
 from .volumes import DEFAULT_VOLUME, VOLUMES
 
 TABLES = NodeTables(CLOSURES | HAIR_CLOSURES, FALLBACK_CLOSURES, VOLUMES, VALUES | HAIR_VALUES)
@@ -34,7 +36,7 @@ FINE_STEPS = 0.1
 class MaterialExporter:
     """Exports each material once and remembers its number."""
 
-    def __init__(self, builder: Any, images: ImageExporter):
+    def __init__(self, builder: Any, images: ImageExporter, surroundings: Surroundings | None = None):
         """Exports to a builder of a scene."""
         self.builder = builder
         self.images = images
@@ -48,6 +50,9 @@ class MaterialExporter:
         self.attributes: dict[int, dict[str, str]] = {}
         """Names of attributes that a material reads from meshes, with the material and node for messages, by the
         material's number."""
+        self.of_objects: dict[int, set[str]] = {}
+        """Names that a material asks each instance for, by the material's number; only where there are any."""
+        self.surroundings = surroundings or Surroundings()
 
     def number(self, material: bpy.types.Material | None, object_name: str) -> int:
         """Number of a material; None is Cycles' grey default. `object_name` is for messages."""
@@ -69,7 +74,7 @@ class MaterialExporter:
 
     def world_volume(self, world: bpy.types.World) -> int | None:
         """Number of a material whose volume is that of a world; None if it has none."""
-        translation = Translation(self.builder, self.images, TABLES, None, "")
+        translation = self._translation(None, "")
         translation.title, translation.owner = world.name, f"world '{world.name}'"
         try:
             with _deep_recursion():
@@ -85,8 +90,11 @@ class MaterialExporter:
             translation.warn(f"the nodes of its volume are not understood ({error}); left out")
             return None
 
+    def _translation(self, material: bpy.types.Material | None, object_name: str) -> Translation:
+        return Translation(self.builder, self.images, TABLES, material, object_name, self.surroundings)
+
     def _export(self, material: bpy.types.Material | None, object_name: str) -> int:
-        translation = Translation(self.builder, self.images, TABLES, material, object_name)
+        translation = self._translation(material, object_name)
         try:
             with _deep_recursion():
                 description = translation.run()
@@ -103,6 +111,8 @@ class MaterialExporter:
         self.attributes[number] = {
             name: f"material '{translation.title}', node '{node}'" for name, node in translation.attributes.items()
         }
+        if translation.of_objects:
+            self.of_objects[number] = translation.of_objects
         if _any(description, EMISSION):
             self.emissive.add(number)
         if "displacement" in description:

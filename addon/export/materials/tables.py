@@ -39,6 +39,13 @@ def rgb_curves_at(mapping: bpy.types.CurveMapping, color: list[float]) -> list[f
     ]
 
 
+def vector_curves(mapping: bpy.types.CurveMapping) -> dict[str, Any]:
+    """The JSON form of `Curve` for vector curves, one for each component."""
+    mapping.initialize()
+    low, high = _domain(mapping.curves)
+    return _table(low, high, lambda at: [*(mapping.evaluate(curve, at) for curve in mapping.curves), 1.0], mapping)
+
+
 def float_curve(mapping: bpy.types.CurveMapping) -> dict[str, Any]:
     """The JSON form of `Curve` for a float curve, equal in all channels."""
     mapping.initialize()

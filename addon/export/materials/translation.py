@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import bpy
 
 from ..images import ImageExporter
+from ..object_attributes import Surroundings
 from .graph import (
     CONVERTING,
     IS_INLINED,
@@ -88,11 +89,13 @@ class Translation:
         tables: NodeTables,
         material: bpy.types.Material | None,
         object_name: str,
+        surroundings: Surroundings,
     ):
         """Translates one material; messages name the object that shows it."""
         self.builder = builder
         self.tables = tables
         self.images = images
+        self.surroundings = surroundings
         self.material = material
         self.title = material.name if material else "Default"
         self.owner = f"object '{object_name}', material '{material.name}'" if material else f"object '{object_name}'"
@@ -104,10 +107,14 @@ class Translation:
         self.done: dict[Key, Any] = {}
         self.normal: dict[str, Any] | None = None
         """A link to the shading normal, where it is not the mesh's."""
+        self.bumped: dict[str, Any] = {}
+        """The normal that displacement bumps, as a field of the JSON form."""
         self.displacement: dict[str, Any] | None = None
         """Offset of vertices in the JSON form, if it moves any."""
         self.attributes: dict[str, str] = {}
         """Names of the mesh attributes that it reads, each with a node that does."""
+        self.of_objects: set[str] = set()
+        """Names that it asks each instance for, as of `object_attributes`."""
         self.medium_varies = False
         """True if the volume has nodes whose values differ from place to place."""
         self.in_medium = False
@@ -121,8 +128,8 @@ class Translation:
         if volume and surface is None and self._has_surface(tree):
             surface = self.emit(NOTHING)  # Black, where rays would pass without any.
         moved = {"displacement": self.displacement} if self.displacement else {}
-        sampling = sampling_settings(self.material)
-        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **moved, **sampling}
+        own = moved | self.bumped | sampling_settings(self.material)
+        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **own}
 
     def _has_surface(self, tree: bpy.types.NodeTree | None) -> bool:
         output = surface_socket(tree) if tree is not None else None
@@ -173,8 +180,7 @@ class Translation:
             self.displacement = {"offset": offset, "keeps_normals": method == "BOTH"}
         if method != "DISPLACEMENT":
             self.normal = self._bumped(offset, "shaded" if method == "BUMP" else SURFACE_BEFORE)
-            words = "is taken as a bump map" if method == "BUMP" else "bumps the surface as well"
-            self.warn(f"displacement {words}; where it is steep it is a little darker than in Cycles")
+            self.bumped = {"bumped_normal": self.normal}
 
     def _bumped(self, displacement: dict[str, Any], base: str) -> dict[str, Any]:
         """The shading normal of a surface whose displacement Cycles bumps."""
@@ -322,9 +328,17 @@ class Translation:
             return neutral
         return translate(self, source)
 
-    def value_once(self, source: Source, compute: Callable[[], Any]) -> Any:
-        """Value of a node, computed the first time: its inputs lead to all that is before it."""
-        key: Key = (*_key(source), "value")
+    def of_object(self, source: Source, name: str, output: str) -> Any:
+        """A value that each instance of an object has as a whole, by its name in `object_attributes`."""
+        if self.in_medium:
+            self.warn(f"node '{source.node.name}': values of objects are not known within volumes; taken as 0")
+            return 0.0 if output == "alpha" else [0.0] * 3
+        self.of_objects.add(name)
+        return {"node": self.once(source, lambda: {"type": "attribute", "name": name}, name), "output": output}
+
+    def value_once(self, source: Source, compute: Callable[[], Any], part: str = "") -> Any:
+        """Value of a node, or of a part of it, computed the first time: its inputs lead to all that is before it."""
+        key: Key = (*_key(source), f"value {part}")
         if key not in self.done:
             self.done[key] = compute()
         return self.done[key]

@@ -5,22 +5,20 @@ from __future__ import annotations
 
 from typing import Any
 
-import bpy
-
-from .coordinates import texture_vector
+from ..object_attributes import OF_INSTANCER
+from .attribute_nodes import ATTRIBUTE_VALUES
 from .graph import IS_INLINED, Source, convert
+from .image_nodes import IMAGE_VALUES
 from .procedural import TEXTURES
 from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
 from .translation import SURFACE_BEFORE, TranslateValue, Translation
+from .vectors import VECTOR_VALUES, transformed
 
 Field = tuple[str, str | int, Any]
 
-FACTOR = "\tfactor"
-"""Behind the name of an attribute that is asked for as one number."""
 ANY_UV_MAP = "\tUV map"
 """Name under which a normal map asks for the first UV map."""
 UP = [0.0, 0.0, 1.0]
-INTERPOLATION = {"Linear": "linear", "Closest": "closest", "Cubic": "cubic", "Smart": "cubic"}
 
 
 def _simple(
@@ -52,48 +50,14 @@ def _outputs(translate: TranslateValue, names: dict[str, str]) -> TranslateValue
     return with_output
 
 
-def _image_texture(t: Translation, source: Source) -> Any:
-    node, user = source.node, f"{t.owner}, node '{source.node.name}'"
-
-    def description() -> dict[str, Any]:
-        if node.projection != "FLAT":
-            t.warn(f"node '{node.name}': {node.projection.lower()} projection is not supported yet; taken as flat")
-        if node.image is None:
-            texture = t.images.missing(user)
-        else:
-            texture = t.images.number(node.image, user, node.image_user)
-        return {
-            "type": "image_texture",
-            "texture": texture,
-            "vector": texture_vector(t, source, {"type": "uv_map", "name": ""}),
-            "interpolation": INTERPOLATION.get(node.interpolation, "linear"),
-            "extension": node.extension.lower(),
-        }
-
-    output = "alpha" if source.socket.identifier == "Alpha" else "color"
-    return {"node": t.once(source, description), "output": output}
-
-
 def _texture_coordinate(t: Translation, source: Source) -> Any:
-    kind = source.socket.identifier.lower()
-    if kind in {"generated", "uv"}:
-        _warn_of_instancer(t, source.node)
-    if source.node.object is not None and kind == "object":
-        t.warn(f"node '{source.node.name}': coordinates of another object are not supported yet; own ones are used")
+    node, kind = source.node, source.socket.identifier.lower()
+    if node.from_instancer and kind in OF_INSTANCER:
+        return t.of_object(source, OF_INSTANCER[kind], "vector")
+    if node.object is not None and kind == "object":
+        position = {"node": t.once(source, lambda: {"type": "geometry"}, "position"), "output": "position"}
+        return t.value_once(source, lambda: transformed(t, position, node.object.matrix_world.inverted_safe()))
     return {"node": t.emit({"type": "texture_coordinate", "kind": kind}), "output": "vector"}
-
-
-def _uv_map(t: Translation, source: Source) -> Any:
-    """A UV map by its name may be an attribute of any kind."""
-    _warn_of_instancer(t, source.node)
-    name = attribute_name(source.node)
-    node = {"type": "attribute", "name": name} if name else {"type": "uv_map", "name": ""}
-    return {"node": t.once(source, lambda: node), "output": "vector"}
-
-
-def _warn_of_instancer(t: Translation, node: bpy.types.Node) -> None:
-    if node.from_instancer:
-        t.warn(f"node '{node.name}': coordinates of the instancer are not supported yet; own ones are used")
 
 
 def _mix(t: Translation, source: Source) -> Any:
@@ -302,72 +266,6 @@ def _float_curve(t: Translation, source: Source) -> Any:
     return {"node": t.once(source, description), "output": "color"}
 
 
-def _attribute(t: Translation, source: Source) -> Any:
-    """Color Attribute, and Attribute where it names one."""
-    node, output = source.node, source.socket.identifier
-    if getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
-        t.warn(f"node '{node.name}': attributes of the {node.attribute_type.lower()} are not supported yet; black")
-        return [0.0, 0.0, 0.0]
-    name = attribute_name(node) or ""
-    if t.in_medium:
-        return _grid(t, source, name, output)
-    if name == "" and node.bl_idname == "ShaderNodeAttribute":
-        return 1.0 if output == "Alpha" else [0.0, 0.0, 0.0]
-    if name:
-        t.attributes[name] = node.name
-    if node.bl_idname == "ShaderNodeVertexColor":
-        return {"node": t.once(source, lambda: {"type": "color_attribute", "name": name}), "output": output.lower()}
-    if output == "Fac":
-        number = t.once(source, lambda: {"type": "attribute", "name": name + FACTOR}, "factor")
-        return {"node": number, "output": "value"}
-    return {"node": t.once(source, lambda: {"type": "attribute", "name": name}), "output": output.lower()}
-
-
-def _grid(t: Translation, source: Source, name: str, output: str) -> Any:
-    """An attribute within a medium: a grid, 0 where an object has none of that name. Of a colour, its one number is the
-    mean."""
-    link = {"node": t.once(source, lambda: {"type": "attribute", "name": name}), "output": "vector"}
-    return _mean(t, source, link, "factor") if output == "Fac" else {**link, "output": output.lower()}
-
-
-def _mean(t: Translation, source: Source, link: dict[str, Any], part: str) -> dict[str, Any]:
-    """The mean of a vector, which is what becomes of it where it is a number."""
-    settings = {"operation": "ADD", "clamp": False, "b": 0.0, "c": 0.0}
-    return {"node": t.once(source, lambda: {"type": "math", "a": link, **settings}, part), "output": "value"}
-
-
-def _volume_info(t: Translation, source: Source) -> Any:
-    """Grids by their usual names, which surfaces do not have."""
-    output = source.socket.identifier
-    if not t.in_medium:
-        return [0.0] * 3 if output == "Color" else 0.0
-    name = output.lower()
-    node = t.once(source, lambda: {"type": "attribute", "name": name}, name)
-    if output == "Color":
-        return {"node": node, "output": "color"}
-    return _mean(t, source, {"node": node, "output": "vector"}, f"{name} mean")
-
-
-def asked_of(node: Any) -> list[str]:
-    """Names under which a node asks meshes for attributes."""
-    name = attribute_name(node)
-    if not name:
-        return []
-    outputs = {socket.identifier for socket in node.outputs if socket.is_linked}
-    return [name] * bool(outputs - {"Fac"}) + [name + FACTOR] * ("Fac" in outputs)
-
-
-def attribute_name(node: Any) -> str | None:
-    """Name of the attribute that a node reads from meshes; None for other nodes. An empty name is the rendered colour
-    for Color Attribute, and the rendered UV map for UV Map."""
-    names = {
-        "ShaderNodeVertexColor": "layer_name",
-        "ShaderNodeAttribute": "attribute_name",
-        "ShaderNodeUVMap": "uv_map",
-    }
-    return getattr(node, names[node.bl_idname]) if node.bl_idname in names else None
-
-
 def _normal_map(t: Translation, source: Source) -> Any:
     node = source.node
 
@@ -444,10 +342,11 @@ def _first_input(feature: str) -> TranslateValue:
 
 
 VALUES: dict[str, TranslateValue] = {
-    "ShaderNodeTexImage": _image_texture,
+    **IMAGE_VALUES,
+    **ATTRIBUTE_VALUES,
     **TEXTURES,
+    **VECTOR_VALUES,
     "ShaderNodeTexCoord": _texture_coordinate,
-    "ShaderNodeUVMap": _uv_map,
     "ShaderNodeMapping": _simple(
         "mapping",
         "vector",
@@ -476,9 +375,6 @@ VALUES: dict[str, TranslateValue] = {
     ),
     "ShaderNodeNormalMap": _normal_map,
     "ShaderNodeBump": _bump,
-    "ShaderNodeVertexColor": _attribute,
-    "ShaderNodeAttribute": _attribute,
-    "ShaderNodeVolumeInfo": _volume_info,
     "ShaderNodeMix": _mix,
     "ShaderNodeMixRGB": _mix_rgb,
     "ShaderNodeMath": _simple(

@@ -6,6 +6,7 @@ mod job;
 mod live;
 mod relighter;
 mod scene;
+mod scene_builder;
 mod solve;
 
 use pyo3::prelude::*;
@@ -25,7 +26,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<live::PyLiveStatus>()?;
     module.add_class::<live::PyRequest>()?;
     module.add_class::<relighter::PyRelighter>()?;
-    module.add_class::<scene::PySceneBuilder>()?;
+    module.add_class::<scene_builder::PySceneBuilder>()?;
     module.add_class::<scene::PyWorld>()?;
     module.add_class::<scene::PyScene>()
 }

@@ -103,12 +103,9 @@ impl SceneBuilder {
     pub fn add_material(&mut self, json: &Value) -> Result<usize, BuildError> {
         let material = Material::deserialize(json).map_err(unreadable)?;
         check_links(json).map_err(|reason| part("material", &material.name, reason))?;
-        for node in &material.nodes {
-            if let Node::ImageTexture { texture, .. } = node
-                && *texture >= self.scene.textures.len()
-            {
-                return Err(part("material", &material.name, format!("image {texture} does not exist")));
-            }
+        let is_missing = |texture: &usize| *texture >= self.scene.textures.len();
+        if let Some(texture) = material.nodes.iter().flat_map(Node::textures).find(is_missing) {
+            return Err(part("material", &material.name, format!("image {texture} does not exist")));
         }
         self.scene.materials.push(material);
         Ok(self.scene.materials.len() - 1)
@@ -267,10 +264,12 @@ fn check_links(material: &Value) -> Result<(), String> {
             }
         }
     }
-    let displacement = &material["displacement"]["offset"]["node"];
-    for (root, node) in
-        [("surface", &material["surface"]), ("volume", &material["volume"]), ("displacement", displacement)]
-    {
+    for (root, node) in [
+        ("surface", &material["surface"]),
+        ("volume", &material["volume"]),
+        ("displacement", &material["displacement"]["offset"]["node"]),
+        ("normal", &material["bumped_normal"]["node"]),
+    ] {
         if !node.is_null() && node.as_u64().is_none_or(|node| node >= nodes.len() as u64) {
             return Err(format!("its {root} node does not exist"));
         }

@@ -50,11 +50,7 @@ impl Scene {
 
     /// Numbers of the textures that materials show, each once and in order.
     fn material_textures(&self) -> BTreeSet<usize> {
-        let texture = |node: &Node| match node {
-            Node::ImageTexture { texture, .. } => Some(*texture),
-            _ => None,
-        };
-        self.materials.iter().flat_map(|material| material.nodes.iter().filter_map(texture)).collect()
+        self.materials.iter().flat_map(|material| material.nodes.iter().flat_map(Node::textures)).collect()
     }
 }
 
@@ -163,6 +159,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     }
     if (instance.visible_volume_scatter, instance.density_factor) != (true, 1.0) {
         json(hasher, &(instance.visible_volume_scatter, instance.density_factor));
+    }
+    if !instance.attributes.is_empty() {
+        json(hasher, &("attributes", &instance.attributes));
     }
     if let Some(grids) = instance.grids {
         json(hasher, &("grids", grids));

@@ -69,7 +69,7 @@ pub use procedural::{
     VoronoiHash, VoronoiTexture, WaveDirection, WaveKind, WaveProfile, WaveTexture,
 };
 pub use subsurface::{AlbedoInversion, Subsurface, SubsurfaceMethod, SubsurfaceModel};
-pub use texture::{ColorEncoding, Extension, Interpolation, Texels, Texture};
+pub use texture::{ColorEncoding, Extension, ImageProjection, Interpolation, Texels, Texture, Tile};
 pub use validate::{MOST_RADIANCE, SceneFault};
 pub use vdb::VdbFile;
 pub use world::World;

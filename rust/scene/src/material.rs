@@ -20,6 +20,9 @@ pub struct Material {
     /// The closure node of the medium that fills the inside of closed meshes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub volume: Option<NodeId>,
+    /// Shading normal of its surface, where displacement bumps that of the mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bumped_normal: Option<Input>,
     /// What it does to the vertices of meshes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub displacement: Option<Displacement>,

@@ -95,6 +95,9 @@ pub struct Instance {
     /// Grids of the volume that fills it, an index into [`crate::Scene::grids`]; none where shaders alone decide.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub grids: Option<usize>,
+    /// Values of attributes that materials ask the object itself for, where its geometry has none of that name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub attributes: Vec<(String, [f32; 4])>,
     /// Seen by camera rays.
     pub visible_camera: bool,
     /// Seen by diffuse rays.
@@ -165,6 +168,7 @@ impl Instance {
             shadow_terminator_offset: 0.1,
             shadow_terminator_shading: 0.0,
             grids: None,
+            attributes: Vec::new(),
             visible_camera: true,
             visible_diffuse: true,
             visible_glossy: true,

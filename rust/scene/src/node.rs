@@ -1,9 +1,9 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
-    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, IesProfile, Input, Interpolation,
-    MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId, NormalSpace,
-    PhaseFunction, PrincipledHair, Procedural, SheenModel, Subsurface, SurfaceBase, TexCoord, ToonComponent,
-    VectorMathOp,
+    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, IesProfile, ImageProjection, Input,
+    Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId,
+    NormalSpace, PhaseFunction, PrincipledHair, Procedural, SheenModel, Subsurface, SurfaceBase, TexCoord,
+    Tile, ToonComponent, VectorMathOp,
 };
 
 with_sockets! {
@@ -182,11 +182,16 @@ with_sockets! {
             temperature_attribute: String,
         },
         // Textures and coordinates.
+        /// An image, or tiles of one: then `texture` is shown outside of them.
         ImageTexture {
             texture: usize,
+            #[serde(default, skip_serializing_if = "Vec::is_empty")]
+            tiles: Vec<Tile>,
             vector: Option<Input>,
             interpolation: Interpolation,
             extension: Extension,
+            #[serde(default, skip_serializing_if = "ImageProjection::is_flat")]
+            projection: ImageProjection,
         },
         /// Procedural texture; in JSON `{"type": "procedural", "texture": "noise", ...}`.
         Procedural(Procedural),
@@ -365,6 +370,15 @@ fn default_filter_width() -> Input {
 }
 
 impl Node {
+    /// Numbers of the images that it shows.
+    pub(crate) fn textures(&self) -> impl Iterator<Item = usize> {
+        let (own, tiles) = match self {
+            Self::ImageTexture { texture, tiles, .. } => (Some(*texture), tiles.as_slice()),
+            _ => (None, &[][..]),
+        };
+        own.into_iter().chain(tiles.iter().map(|tile| tile.texture))
+    }
+
     /// Calls `visit` for every input socket.
     pub fn for_each_input(&mut self, mut visit: impl FnMut(&mut Input)) {
         self.visit_sockets(&mut visit);

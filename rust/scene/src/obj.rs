@@ -5,8 +5,8 @@
 //! alpha, `Ni` IOR, `Pr` and `Pm` roughness and metallic, `Tf` or a transmissive `illum` transmission.
 
 use crate::{
-    Alpha, BuildError, Distribution, Extension, FileColors, Input, Instance, Interpolation, Material, Mesh,
-    MultipleScattering, Node, Output, PictureFile, SceneBuilder, UvMap,
+    Alpha, BuildError, Distribution, Extension, FileColors, ImageProjection, Input, Instance, Interpolation,
+    Material, Mesh, MultipleScattering, Node, Output, PictureFile, SceneBuilder, UvMap,
 };
 use glam::{Affine3A, Vec2, Vec3};
 use std::collections::HashMap;
@@ -152,9 +152,11 @@ fn principled(mtl: &tobj::Material, texture: Option<usize>) -> Material {
         Some(texture) => {
             nodes.push(Node::ImageTexture {
                 texture,
+                tiles: Vec::new(),
                 vector: None,
                 interpolation: Interpolation::Linear,
                 extension: Extension::Repeat,
+                projection: ImageProjection::Flat,
             });
             Input::Link { node: 0, output: Output::Color }
         }

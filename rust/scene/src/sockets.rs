@@ -2,9 +2,10 @@
 
 use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
-    HairPigment, IesProfile, Input, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, Metric,
-    MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel, SubsurfaceModel, SurfaceBase,
-    TexCoord, ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    HairPigment, IesProfile, ImageProjection, Input, Interpolation, MapRangeKind, MappingKind, MathOp,
+    MetalFresnel, Metric, MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel,
+    SubsurfaceModel, SurfaceBase, TexCoord, Tile, ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash,
+    WaveDirection, WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -34,7 +35,7 @@ macro_rules! properties {
     };
 }
 
-properties![bool, f32, usize, NodeId, String, IesProfile];
+properties![bool, f32, usize, NodeId, String, IesProfile, ImageProjection, Vec<Tile>];
 properties![
     BlendMode,
     SurfaceBase,

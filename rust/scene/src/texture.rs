@@ -74,3 +74,40 @@ pub enum Extension {
     /// Tile, every second one mirrored.
     Mirror,
 }
+
+/// Projection of an image: how a point on it is found from texture coordinates.
+#[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ImageProjection {
+    /// X and y are the point.
+    #[default]
+    Flat,
+    /// Onto the sides of a box, chosen by the normal in object space.
+    Box {
+        /// Width of the blending of sides, 0..1.
+        blend: f32,
+    },
+    /// From the middle of the unit cube onto a sphere around it.
+    Sphere,
+    /// From the z axis through the middle of the unit cube onto a cylinder.
+    Tube,
+    /// All directions by longitude and latitude.
+    Equirectangular,
+    /// All directions as a mirroring ball shows them from the front, along y.
+    MirrorBall,
+}
+
+impl ImageProjection {
+    pub(crate) fn is_flat(&self) -> bool {
+        *self == Self::Flat
+    }
+}
+
+/// Tile of an image that covers more than 0..1 (UDIM).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Tile {
+    /// 1001 for the first; one more to the right, up to ten in a row, ten more upwards.
+    pub number: u32,
+    /// Image of the tile, an index into [`crate::Scene::textures`].
+    pub texture: usize,
+}

@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::{Displacement, Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
+use crate::{Grid, Input, Instance, Material, Mesh, Node, Scene, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -135,13 +135,8 @@ impl Scene {
     }
 
     fn material_fault(&self, material: &Material) -> Option<String> {
-        let missing = material.nodes.iter().find_map(|node| match node {
-            Node::ImageTexture { texture, .. } => {
-                Some(*texture).filter(|texture| *texture >= self.textures.len())
-            }
-            _ => None,
-        });
-        if let Some(texture) = missing {
+        let is_missing = |texture: &usize| *texture >= self.textures.len();
+        if let Some(texture) = material.nodes.iter().flat_map(Node::textures).find(is_missing) {
             return Some(format!("its image number {texture} does not exist"));
         }
         if material.surface.is_some_and(|surface| surface as usize >= material.nodes.len()) {
@@ -150,9 +145,13 @@ impl Scene {
         if material.volume.is_some_and(|volume| volume as usize >= material.nodes.len()) {
             return Some("its volume node does not exist".to_owned());
         }
-        let is_missing = |displacement: &Displacement| matches!(displacement.offset, Input::Link { node, .. } if node as usize >= material.nodes.len());
-        if material.displacement.as_ref().is_some_and(is_missing) {
-            return Some("its displacement node does not exist".to_owned());
+        let is_missing =
+            |input: Input| matches!(input, Input::Link { node, .. } if node as usize >= material.nodes.len());
+        let offset = material.displacement.map(|displacement| displacement.offset);
+        for (input, name) in [(offset, "displacement"), (material.bumped_normal, "normal")] {
+            if input.is_some_and(is_missing) {
+                return Some(format!("its {name} node does not exist"));
+            }
         }
         let is_too_bright = material.nodes.iter().any(|node| glow(node) > MOST_RADIANCE);
         is_too_bright

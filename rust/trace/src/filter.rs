@@ -13,6 +13,11 @@ pub enum PixelFilter {
         /// Blender's filter width, pixels.
         width: f32,
     },
+    /// Cycles' Gaussian, whose standard deviation is a quarter of `width`; offsets reach 1.5 `width` pixels to each side.
+    Gaussian {
+        /// Blender's filter width, pixels.
+        width: f32,
+    },
 }
 
 impl Default for PixelFilter {
@@ -38,6 +43,9 @@ impl FilterTable {
             PixelFilter::BlackmanHarris { width } => (0..TABLE_SIZE)
                 .map(|index| 2.0 * width * (invert_blackman_harris(quantile(index)) as f32 - 0.5))
                 .collect(),
+            PixelFilter::Gaussian { width } => {
+                (0..TABLE_SIZE).map(|index| width * invert_gaussian(quantile(index)) as f32).collect()
+            }
         };
         Self { offsets }
     }
@@ -71,6 +79,25 @@ fn invert_blackman_harris(quantile: f64) -> f64 {
     0.5 * (low + high)
 }
 
+/// Place in -1.5..1.5 at which the integral of a Gaussian of deviation 1/4, cut off there, reaches `quantile` of its
+/// total, by bisection. Cycles' `scene/film.cpp` has `exp(-2 (6 x / w)^2)` for a support of `w = 3`.
+fn invert_gaussian(quantile: f64) -> f64 {
+    // The integral from the middle, by the midpoint rule: right to 1e-7 of the total.
+    const STEPS: usize = 512;
+    let integral = |x: f64| {
+        let step = x / STEPS as f64;
+        let value = |index: usize| (-8.0 * ((index as f64 + 0.5) * step).powi(2)).exp();
+        (0..STEPS).map(value).sum::<f64>() * step
+    };
+    let wanted = (2.0 * quantile - 1.0) * integral(1.5);
+    let (mut low, mut high) = (-1.5, 1.5);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if integral(middle) < wanted { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,5 +125,15 @@ mod tests {
         let samples = (0..30_000).map(|i| (f64::from(i) + 0.5) / 1e4 - 1.5);
         let (moment, weight) = samples.fold((0.0, 0.0), |(m, w), x| (m + x * x * window(x), w + window(x)));
         assert!((f64::from(variance) - moment / weight).abs() < 1e-3, "{variance} {}", moment / weight);
+    }
+
+    #[test]
+    fn quantiles_of_a_gaussian_are_at_quarters_of_its_width() {
+        let table = FilterTable::new(PixelFilter::Gaussian { width: 2.0 });
+        // Shares of a normal distribution below one and two deviations.
+        for (quantile, offset) in [(0.5, 0.0), (0.841_344_7, 0.5), (0.977_249_9, 1.0), (0.158_655_3, -0.5)] {
+            assert!((table.sample(quantile) - offset).abs() < 1e-3, "{quantile}");
+        }
+        assert_eq!([table.sample(0.0), table.sample(1.0)], [-3.0, 3.0]);
     }
 }

@@ -1,5 +1,7 @@
 //! Light-free paths: sampled by the BSDFs and a [`Guide`], recorded segment by segment (paper, sections 3.1 and 4.1).
 
+mod collision;
+mod features;
 mod shadow_path;
 mod travel;
 
@@ -8,15 +10,18 @@ use relume_dump::{AovSample, End, Lobe, Segment, TileSamples};
 use relume_scene::Scene;
 
 pub(crate) use self::shadow_path::ShadowDifferences;
-use self::travel::{Arrival, Route};
+use self::{
+    features::Features,
+    travel::{Arrival, Route},
+};
 use crate::{
     bsdf::{BsdfSample, Caustics, Surface},
-    bvh::{Ray, RayKind, SceneBvh},
+    bvh::{Ray, SceneBvh},
     camera::CameraSampler,
     environment::EnvironmentLight,
     guide::{Cones, Guide},
     light_classes::LightClasses,
-    media::{HullCrossing, Media, MediaScratch, PhaseSample, ShadowMedia, TrackingNumbers},
+    media::{HullCrossing, Media, MediaScratch, ShadowMedia, TrackingNumbers},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
     sampler::{Draws, PixelSampler},
@@ -83,13 +88,6 @@ const GUIDE_GROUP: u32 = 1 << 31;
 const TRAVEL_GROUP: u32 = 1 << 30;
 const SHADOW_GROUP: u32 = 3 << 30;
 const SHADOW_PATH_GROUP: u32 = 1 << 29;
-
-/// The AOVs of one path while it is traced.
-struct Features {
-    sample: AovSample,
-    /// Product of the mirrors and glass crossed so far; nothing once the denoiser's surface was found.
-    tint: Option<Vec3>,
-}
 
 /// A path on its way.
 #[derive(Clone)]
@@ -383,69 +381,6 @@ impl Integrator<'_> {
         walk.begin_segment(point.position);
     }
 
-    /// Sends the path on from a collision in the media of the scratch memory, or says that it ends there.
-    fn scatter_in_medium(
-        &self,
-        walk: &mut Walk,
-        position: Vec3,
-        guide: Option<&Guide>,
-        scratch: &mut PathScratch,
-        features: &mut Features,
-        draws: Draws,
-    ) -> bool {
-        let limits = &self.settings.bounces;
-        features.record_medium(scratch.media.sample.albedo());
-        let u = draws.at(0);
-        let survival = walk.path.survival(limits);
-        if u[3] >= survival {
-            return false;
-        }
-        walk.path.throughput /= survival;
-        let travel = walk.ray.direction;
-        // Shadow rays use the same memory for the media on their way.
-        let medium = std::mem::take(&mut scratch.media.sample);
-        let vertex = Vertex::Medium { position, direction: travel, medium: &medium };
-        let cones = guided(guide, &vertex, &mut scratch.cones);
-        self.add_static_light(
-            &walk.path,
-            walk.route.as_ref(),
-            vertex,
-            cones,
-            &mut scratch.shadow,
-            &mut scratch.media,
-            features,
-            draws,
-        );
-        let sample = match cones.map(|cones| (cones, draws.at(GUIDE_GROUP))) {
-            Some((cones, v)) => {
-                let direction = if v[0] < cones.share {
-                    Some(cones.sample([v[1], v[2], v[3]]))
-                } else {
-                    medium.sample(travel, [u[0], u[1], u[2]]).map(|sample| sample.direction)
-                };
-                direction.map(|direction| {
-                    let (value, pdf) = medium.eval(travel, direction);
-                    let pdf = cones.pdf_with(1.0, pdf, direction);
-                    PhaseSample { direction, weight: value / pdf, pdf }
-                })
-            }
-            None => medium.sample(travel, [u[0], u[1], u[2]]),
-        };
-        scratch.media.sample = medium;
-        let Some(PhaseSample { direction, weight, pdf }) = sample.filter(|sample| sample.weight.is_finite())
-        else {
-            return false;
-        };
-        walk.path.scatter_in_medium(position, weight, pdf, limits);
-        if let (Some(media), Some(route)) = (&self.media, &walk.route) {
-            walk.path.receiver = media.receiver(&route.stack);
-        }
-        walk.last = Some(LastBounce { position, pdf });
-        walk.ray = Ray { kind: RayKind::Volume, ..Ray::new(position, direction) };
-        walk.begin_segment(position);
-        true
-    }
-
     /// Adds light that comes straight from the scene's own emitters to a vertex.
     fn add_static_light(
         &self,
@@ -530,21 +465,4 @@ fn direction(
     let pdf = cones.pdf_with(surface.dull_share(), sample.pdf, sample.wi);
     sample.weight *= sample.pdf / pdf;
     Some((sample, pdf))
-}
-
-impl Features {
-    /// The path goes on behind a mirror, glass or a transparent surface.
-    fn attenuate(&mut self, weight: Vec3) {
-        if let Some(tint) = &mut self.tint {
-            *tint *= weight;
-        }
-    }
-
-    /// Takes albedo and normal from the first surface that is not specular.
-    fn record_surface(&mut self, surface: &Surface) {
-        if let Some(tint) = self.tint.take() {
-            self.sample.albedo = (tint * surface.albedo()).clamp(Vec3::ZERO, Vec3::ONE);
-            self.sample.normal = surface.normal();
-        }
-    }
 }

@@ -43,7 +43,7 @@ impl Vertex<'_> {
     pub fn eval(&self, wi: Vec3) -> Option<(Vec3, f32)> {
         match self {
             Self::Surface { point, surface } => {
-                let is_between = point.horizon_normal().dot(wi) * point.shading_normal.dot(wi) <= 0.0;
+                let is_between = point.horizon_normal().dot(wi) * surface.shading_normal().dot(wi) <= 0.0;
                 (!is_between || surface.scatters_around()).then(|| surface.eval(wi))
             }
             Self::Medium { direction, medium, .. } => Some(medium.eval(*direction, wi)),

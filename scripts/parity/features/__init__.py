@@ -3,7 +3,7 @@
 Each builder fills an empty scene that `stage.set_up` has made: a floor, a wall and a camera that looks at the origin.
 """
 
-from . import displacement, hair, lamps, media, rays, skin
+from . import displacement, hair, images, lamps, media, rays, skin
 
 SCENES = {
     **media.SCENES,
@@ -11,6 +11,7 @@ SCENES = {
     **hair.SCENES,
     **rays.SCENES,
     **displacement.SCENES,
+    **images.SCENES,
     **lamps.SCENES,
 }
 """Builders by the names of their scenes."""

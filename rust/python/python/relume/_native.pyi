@@ -96,10 +96,11 @@ class SceneBuilder:
         visible_shadow: bool = True,
         density_factor: float = 1.0,
         grids: int | None = None,
+        attributes: Sequence[tuple[str, Sequence[float]]] = (),
     ) -> None:
         """Places a mesh, or what `kind` says: `curves` or `points`; matrices are rows, one material a slot,
         visibility to camera, diffuse, glossy and transmission rays. The density of a medium inside is multiplied by a
-        factor; `grids` are those of a volume."""
+        factor; `grids` are those of a volume; `attributes` are four numbers each, where the geometry has none."""
 
     def add_grid_file(
         self,

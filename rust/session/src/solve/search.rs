@@ -141,7 +141,7 @@ impl Search<'_> {
     /// Through proxies, on the GPU where they are there.
     fn explore_proxies(&self, scenes: &[SceneView]) -> Result<Solution, SessionError> {
         let mut kinds = Vec::new();
-        for kind in self.unknowns.moving().filter_map(|light| LightKind::of_light(light)) {
+        for kind in self.unknowns.moving().filter_map(LightKind::of_light) {
             if !kinds.contains(&kind) {
                 kinds.push(kind);
             }

@@ -139,6 +139,17 @@ impl Surface {
         self.transparency = Vec3::ZERO;
     }
 
+    /// Takes another shading normal than the mesh's (Cycles' `sd->N` behind bump by displacement): closures of that normal are
+    /// not dimmed as bumped ones.
+    pub(crate) fn take_normal(&mut self, normal: Vec3) {
+        self.sides.shading = normal;
+    }
+
+    /// Unit shading normal.
+    pub fn shading_normal(&self) -> Vec3 {
+        self.sides.shading
+    }
+
     /// Makes reflection end before the horizon, by Cycles' Shadow Terminator Shading Offset; 0 for there.
     pub fn end_before_horizon(&mut self, offset: f32) {
         self.terminator = Terminator::new(offset);

@@ -1,7 +1,7 @@
 //! The way from one vertex of a path to the next, where there are media.
 
 use glam::Vec3;
-use relume_dump::{AovSample, End, Lobe, Segment};
+use relume_dump::{End, Lobe, Segment};
 
 use super::{Features, Integrator, PathSink, Walk};
 use crate::{
@@ -239,19 +239,6 @@ impl Walk {
     pub fn begin_segment(&mut self, position: Vec3) {
         if let Some(route) = &mut self.route {
             route.start = position;
-        }
-    }
-}
-
-impl Features {
-    /// Takes the albedo of a medium, if no surface was found so far; it has no normal.
-    pub fn record_medium(&mut self, albedo: Vec3) {
-        if let Some(tint) = self.tint.take() {
-            self.sample = AovSample {
-                albedo: (tint * albedo).clamp(Vec3::ZERO, Vec3::ONE),
-                normal: Vec3::ZERO,
-                ..self.sample
-            };
         }
     }
 }

@@ -5,6 +5,7 @@ use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Sce
 
 use super::coordinates;
 use super::graph::{Aid, Graph, rotation};
+use super::image::Image;
 use super::prepared::NamedAttribute;
 use super::values::{NodeInputs, evaluate_pure};
 use super::{PointInfo, PreparedMaterials, StrandInfo, SurfacePoint, procedural, strands};
@@ -117,16 +118,12 @@ impl<'a> ShadingContext<'a> {
             return value;
         }
         let vector = match node {
-            Node::ImageTexture { texture, vector, interpolation, extension } => {
-                let uv = vector.as_ref().map_or_else(|| self.uv(0), |vector| known.vector(vector));
+            Node::ImageTexture { texture, tiles, vector, interpolation, extension, projection } => {
+                let at = vector.as_ref().map_or_else(|| self.uv(0), |vector| known.vector(vector));
                 let straight = matches!(self.graph.aids[index], Aid::StraightColor);
-                return self.prepared.textures[*texture].sample(
-                    &self.scene.textures[*texture],
-                    [uv.x, uv.y],
-                    *interpolation,
-                    *extension,
-                    straight,
-                );
+                let (texture, interpolation, extension) = (*texture, *interpolation, *extension);
+                let image = Image { texture, tiles, interpolation, extension, straight };
+                return image.projected(self, *projection, at);
             }
             Node::Procedural(texture) => {
                 let generated = || coordinates::generated(self);
@@ -216,7 +213,10 @@ impl<'a> ShadingContext<'a> {
         if self.point.is_in_medium() {
             return self.field(name);
         }
-        Some(match self.prepared.attribute(self.point.geometry, name)? {
+        let Some(attribute) = self.prepared.attribute(self.point.geometry, name) else {
+            return self.prepared.attribute_of_object(self.point.instance, name);
+        };
+        Some(match attribute {
             NamedAttribute::Color(map) => match self.mesh() {
                 Some(mesh) => {
                     let colors = &mesh.color_attributes[map].colors;

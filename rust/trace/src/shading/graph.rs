@@ -21,6 +21,8 @@ pub struct Graph {
     pub surface: Option<NodeId>,
     /// The root closure of the medium.
     pub volume: Option<NodeId>,
+    /// Shading normal in place of the mesh's.
+    pub normal: Option<Normal>,
     /// Offset of vertices.
     pub displacement: Option<Offset>,
     /// For each closure node, the value nodes to evaluate before it, in order.
@@ -29,6 +31,15 @@ pub struct Graph {
     pub aids: Vec<Aid>,
     /// True if light that leaves a body does so by another normal than the mesh's.
     pub bends_exits: bool,
+}
+
+/// Shading normal, world space.
+#[derive(Clone, Debug)]
+pub struct Normal {
+    /// Value of the normal.
+    pub input: Input,
+    /// The value nodes that it depends on, in order.
+    pub needs: Vec<NodeId>,
 }
 
 /// Offset of vertices, world space.
@@ -99,6 +110,7 @@ impl Graph {
         let mut graph = Self {
             surface,
             volume,
+            normal: None,
             displacement: None,
             needs: vec![Vec::new(); nodes.len()],
             aids: Vec::new(),
@@ -117,6 +129,7 @@ impl Graph {
             too_many("volume");
             graph.volume = None;
         }
+        graph.normal = material.bumped_normal.map(|input| Normal { input, needs: graph.needed_by(&input) });
         graph.displacement = material.displacement.map(|Displacement { offset, keeps_normals }| Offset {
             input: offset,
             needs: graph.needed_by(&offset),

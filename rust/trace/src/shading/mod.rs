@@ -12,6 +12,7 @@ mod evaluate;
 mod fields;
 mod graph;
 mod hair;
+mod image;
 mod lamp;
 mod math;
 mod point;

@@ -5,11 +5,12 @@ use relume_scene::{
 };
 
 use super::closures::shade;
-use super::evaluate::ShadingContext;
+use super::evaluate::{Known, ShadingContext};
 use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
 use super::tangents::{corner_tangents, spherical_coords, undisplaced_positions};
 use super::texture::{PreparedTexture, equirectangular};
+use super::values::NodeInputs;
 use super::volumes::shade_medium;
 use super::{Hit, MediumPoint, RayInfo, StrandPoint, SurfacePoint};
 use crate::bsdf::{Scatter, Surface};
@@ -25,6 +26,8 @@ pub struct PreparedMaterials {
     meshes: Vec<PreparedMesh>,
     curves: Vec<Attributes>,
     points: Vec<Attributes>,
+    /// Values by name numbers that materials ask each instance for; none of those that have none.
+    of_objects: Vec<Vec<Option<Vec4>>>,
     /// Object of the world's medium.
     pub(super) space: Instance,
     fields: PreparedFields,
@@ -106,6 +109,11 @@ impl PreparedMaterials {
                 .collect(),
             curves: scene.curves.iter().map(|curves| attributes_of_curves(curves, &names)).collect(),
             points: scene.points.iter().map(|points| attributes_of_points(points, &names)).collect(),
+            of_objects: scene
+                .instances
+                .iter()
+                .map(|instance| attributes_of_object(instance, &names))
+                .collect(),
             space,
             fields: PreparedFields::new(scene, &names.attributes),
         };
@@ -177,6 +185,11 @@ impl PreparedMaterials {
             let context = ShadingContext { prepared: self, scene, graph, point, assumed: &[] };
             let mut values = surface.take_values(2 * graph.nodes.len());
             let (own, scratch) = values.split_at_mut(graph.nodes.len());
+            if let Some(normal) = &graph.normal {
+                context.run(&normal.needs, own, scratch);
+                let bumped = Known { context: &context, values: own }.vector(&normal.input);
+                surface.take_normal(bumped.normalize_or(point.shading_normal));
+            }
             shade(&context, root, 1.0, own, scratch, surface);
             surface.give_values(values);
         }
@@ -274,6 +287,11 @@ impl PreparedMaterials {
         self.attributes(geometry).named[name]
     }
 
+    /// The attribute with this name number of an instance itself.
+    pub(super) fn attribute_of_object(&self, instance: u32, name: usize) -> Option<Vec4> {
+        self.of_objects.get(instance as usize)?.get(name).copied().flatten()
+    }
+
     /// Corner tangents of the UV map with this name number.
     pub(super) fn tangents(&self, geometry: Geometry, name: usize, base: SurfaceBase) -> Option<&[Vec4]> {
         let Attributes { tangents, undisplaced_tangents, .. } = self.attributes(geometry);
@@ -349,6 +367,16 @@ fn find_color(name: &str, attributes: &[ColorAttribute]) -> Option<usize> {
 
 fn find_named_uv(name: &str, maps: &[UvMap]) -> Option<NamedAttribute> {
     maps.iter().position(|map| map.name == *name).map(NamedAttribute::Uv)
+}
+
+fn attributes_of_object(instance: &Instance, names: &Names) -> Vec<Option<Vec4>> {
+    if instance.attributes.is_empty() {
+        return Vec::new();
+    }
+    let value = |name: &String| {
+        instance.attributes.iter().find(|(known, _)| known == name).map(|(_, value)| Vec4::from(*value))
+    };
+    names.attributes.iter().map(value).collect()
 }
 
 /// Finds the attributes of curves; UV maps of strands have no tangents.

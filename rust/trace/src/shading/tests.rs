@@ -2,8 +2,9 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 use relume_scene::{
-    Alpha, BlendMode, ColorEncoding, Curve, Distribution, Extension, Input, Instance, Interpolation,
-    MappingKind, Material, MathOp, Mesh, MixData, Node, NormalSpace, Output, Scene, TexCoord, UvMap,
+    Alpha, BlendMode, ColorEncoding, Curve, Distribution, Extension, ImageProjection, Input, Instance,
+    Interpolation, MappingKind, Material, MathOp, Mesh, MixData, Node, NormalSpace, Output, Scene, TexCoord,
+    UvMap,
 };
 
 use super::texture::byte_texture;
@@ -261,9 +262,11 @@ fn textures_are_read_at_the_mapped_uv() {
         },
         Node::ImageTexture {
             texture: 0,
+            tiles: Vec::new(),
             vector: Some(link(1, Output::Vector)),
             interpolation: Interpolation::Closest,
             extension: Extension::Repeat,
+            projection: ImageProjection::Flat,
         },
         Node::Emission { color: link(2, Output::Color), strength: link(2, Output::Alpha) },
     ]);

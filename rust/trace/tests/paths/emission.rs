@@ -1,8 +1,8 @@
 //! Static layers: light that the scene itself emits.
 
 use relume_scene::{
-    Alpha, ColorEncoding, Extension, Input, Interpolation, MOST_RADIANCE, Material, MathOp, Node, Output,
-    Scene, Texels, Texture, UvMap,
+    Alpha, ColorEncoding, Extension, ImageProjection, Input, Interpolation, MOST_RADIANCE, Material, MathOp,
+    Node, Output, Scene, Texels, Texture, UvMap,
     glam::{Affine3A, Vec2, Vec3},
 };
 use relume_trace::{TraceSettings, settings::BounceLimits};
@@ -214,9 +214,11 @@ fn screens_that_are_black_in_the_middle_are_sampled_where_they_shine() {
     });
     let image = Node::ImageTexture {
         texture: 0,
+        tiles: Vec::new(),
         vector: None,
         interpolation: Interpolation::Closest,
         extension: Extension::Repeat,
+        projection: ImageProjection::Flat,
     };
     let color = Input::Link { node: 0, output: Output::Color };
     let shows = Node::Emission { color, strength: Input::Float(20.0) };

@@ -77,11 +77,11 @@ fn scene() -> Scene {
     builder.set_camera(camera());
     builder.add_light(Light {
         name: "Lamp".into(),
-        shape: LightShape::Sphere { center: Vec3::new(0.1, -1.0, 2.0), radius: 0.3 },
         radiance: [3.0, 2.0, 0.1],
         lobes: LobeFactors { glossy: 0.5, ..LobeFactors::default() },
         receivers: Some(ReceiverSet { receivers: vec![3] }),
         rules: LightRules { max_bounces: Some(2), ..LightRules::default() },
+        ..Light::unit(LightShape::Sphere { center: Vec3::new(0.1, -1.0, 2.0), radius: 0.3 })
     });
     builder.warn("object 'Fur': hair is not supported");
     builder.build().unwrap()

@@ -1,0 +1,115 @@
+"""Attributes that materials ask whole objects, instancers and view layers for: custom properties, and any property of
+theirs with up to four numbers. Looked up as in Blender's `BKE_object_dupli_find_rgba_attribute`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any, TypeAlias
+
+import bpy
+from mathutils import Matrix
+
+Rgba: TypeAlias = tuple[float, float, float, float]
+
+OF_INSTANCER = {"generated": "\tgenerated of instancer", "uv": "\tUV of instancer"}
+"""Names of an instance's coordinates on its instancer."""
+OF_ARRAY = re.compile(r"\[\d+\]$")
+MATRIX, MATRIX_INVERSE = "\tworld from object ", "\tobject from world "
+"""How the names of the rows of an instance's transform and its inverse begin: the axis follows."""
+NO_VALUE: Rgba = (0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What materials ask of all that is around the objects."""
+
+    value_of_layer: Callable[[str], Rgba] = lambda _name: NO_VALUE
+    """Finds an attribute of the view layer, or else of its scene or world."""
+    world_from_camera: Matrix = field(default_factory=Matrix)
+    """Transform of Cycles' camera, which has no scale and looks along +z."""
+
+
+def surroundings_of(depsgraph: bpy.types.Depsgraph, camera: bpy.types.Object) -> Surroundings:
+    """Surroundings of what a depsgraph renders with a camera."""
+    scene, layer = depsgraph.scene_eval, depsgraph.view_layer_eval
+    world_from_camera = camera.matrix_world.normalized() @ Matrix.Diagonal((1.0, 1.0, -1.0, 1.0))
+    return Surroundings(lambda name: value_of_layer(scene, layer, name), world_from_camera)
+
+
+def object_name(kind: str, name: str) -> str:
+    """Name under which a material asks an object, or where `kind` is INSTANCER its instancer, for an attribute."""
+    return f"\t{kind}\t{name}"
+
+
+def values_of_instance(instance: bpy.types.DepsgraphObjectInstance, names: Iterable[str]) -> list[tuple[str, Rgba]]:
+    """Values of an instance for the names that materials ask it for."""
+    return [(name, _finite(_value(instance, name))) for name in sorted(names)]
+
+
+def asks_instancer(names: Iterable[str]) -> bool:
+    """True if materials ask for attributes that an instancer may give its instances."""
+    return any(name.startswith(object_name("INSTANCER", "")) for name in names)
+
+
+def value_of_layer(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, name: str) -> Rgba:
+    """Value of an attribute of a view layer, or else of its scene or world."""
+    return _finite(_first((layer, scene, scene.world), name))
+
+
+def _value(instance: bpy.types.DepsgraphObjectInstance, name: str) -> Rgba:
+    if name == OF_INSTANCER["generated"]:
+        # Cycles' own scale of what Blender gives.
+        x, y, z = [0.5 * value - 0.5 for value in instance.orco] if instance.is_instance else [0.0] * 3
+        return x, y, z, 1.0
+    if name == OF_INSTANCER["uv"]:
+        u, v = list(instance.uv) if instance.is_instance else [0.0] * 2
+        return u, v, 0.0, 1.0
+    if name.startswith((MATRIX, MATRIX_INVERSE)):
+        matrix = instance.matrix_world if name.startswith(MATRIX) else instance.matrix_world.inverted_safe()
+        row = matrix["xyz".index(name[-1])]
+        return row[0], row[1], row[2], row[3]
+    _, kind, asked = name.split("\t", 2)
+    return _first(_owners(instance, kind == "INSTANCER"), asked)
+
+
+def _owners(instance: bpy.types.DepsgraphObjectInstance, of_instancer: bool) -> Iterator[bpy.types.ID | None]:
+    if of_instancer and instance.is_instance:
+        if instance.particle_system is not None:
+            yield instance.particle_system.settings
+        yield instance.parent
+    yield instance.object
+    yield instance.object.data
+
+
+def _first(owners: Iterable[Any], name: str) -> Rgba:
+    found = (find_rgba(owner, name) for owner in owners if owner is not None)
+    return next((value for value in found if value is not None), NO_VALUE)
+
+
+def find_rgba(owner: Any, name: str) -> Rgba | None:
+    """Value of a custom property or a path to a property as a colour; None of what has no one to four numbers. Blender
+    finds no single numbers of an array."""
+    value: Any
+    try:
+        value = owner[name] if name in owner.keys() else owner.path_resolve(name)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return None
+    if isinstance(value, int | float):
+        is_one_of_array = name not in owner.keys() and OF_ARRAY.search(name)
+        return None if is_one_of_array else (float(value), float(value), float(value), 1.0)
+    try:
+        numbers = list(value) if len(value) <= 4 else []
+    except TypeError:
+        return None
+    if not numbers or not all(type(number) in {int, float} for number in numbers):
+        return None
+    filled = numbers + [0.0, 0.0, 0.0, 1.0][len(numbers) :]
+    return filled[0], filled[1], filled[2], filled[3]
+
+
+def _finite(value: Rgba) -> Rgba:
+    red, green, blue, alpha = [number if isfinite(number) else 0.0 for number in value]
+    return red, green, blue, alpha
