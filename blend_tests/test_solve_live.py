@@ -67,6 +67,7 @@ def test_a_light_is_no_brighter_than_its_limits_allow(shown):
         assert np.log2(key.energy / energy) == pytest.approx(brighter, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_spot_turns_no_further_than_its_limits_allow(shown):
     lamp = bpy.data.objects["Key"]
     lamp.data = bpy.data.lights.new("Spot", "SPOT")
@@ -84,6 +85,7 @@ def test_a_spot_turns_no_further_than_its_limits_allow(shown):
     assert np.degrees(turned) == pytest.approx(5.0, abs=0.01), "the stroke is further away"
 
 
+@pytest.mark.slow
 def test_a_light_is_as_large_as_its_limits_allow(shown):
     key, settings = bpy.data.lights["Key"], shown.relume_solve
     for move in ("size", "color", "strength"):

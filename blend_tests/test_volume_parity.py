@@ -68,6 +68,7 @@ def assert_equal_to_cycles(scene, tmp_path, samples=16):
     assert abs(ratio - 1.0) < 3.0 * np.sqrt(np.mean(error**2) / error.size) / theirs.mean() + 0.005, f"{ratio:.4f}"
 
 
+@pytest.mark.slow
 def test_a_ball_of_mesh_to_volume(scene, tmp_path):
     def ball(tree):
         sphere, material = (tree.nodes.new(f"GeometryNode{kind}") for kind in ("MeshUVSphere", "SetMaterial"))
@@ -96,6 +97,7 @@ def test_colours_of_a_sequence_in_an_object_that_is_scaled(scene, tmp_path):
     assert_equal_to_cycles(scene, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_density_through_a_ramp_scattered_more_than_once(scene, tmp_path):
     x, y, z = np.indices((20, 20, 20)) / 19.0 - 0.5
     bump = np.clip(1.0 - 2.0 * np.sqrt(x * x + y * y + z * z), 0.0, 1.0)
@@ -115,6 +117,7 @@ def test_a_density_through_a_ramp_scattered_more_than_once(scene, tmp_path):
     assert_equal_to_cycles(scene, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("space", ["OBJECT", "WORLD"])
 def test_an_object_without_material_in_both_spaces_of_density(scene, tmp_path, space):
     write_vdb(tmp_path / "fog.vdb", {"density": np.full((16, 16, 16), 1.5)}, 0.1, (-0.75, -0.75, -0.75))

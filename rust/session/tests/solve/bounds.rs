@@ -32,6 +32,7 @@ fn found(relighter: &Relighter, target: &Image, lights: &[Light], free: Value, m
 }
 
 #[test]
+#[ignore = "takes a minute"]
 fn a_light_is_as_bright_as_its_stops_allow_and_wide_bounds_change_nothing() {
     let relighter = baked(0.0);
     let target = picture(&relighter, &[brightened(&key(), 2.0)]);

@@ -159,6 +159,7 @@ fn area(shape: &str, at: Vec3, size: f32) -> Value {
 }
 
 #[test]
+#[ignore = "takes a minute"]
 fn whatever_the_size_of_an_area_light_is_taken_for_its_place_and_tilt_are_found() {
     // Sides show in little but the softness of shadows, and are left to noise here.
     let (bakes, square) = (Bakes::open(), EDGE_U.length() * Vec3::Y);

@@ -131,6 +131,7 @@ fn surplus_lights_are_dropped_where_there_are_proxies_alone() {
 }
 
 #[test]
+#[ignore = "takes a minute"]
 fn in_a_large_picture_strengths_and_places_are_found_and_told_of_the_part_that_counts() {
     let folder = tempfile::tempdir().unwrap();
     // Looked at in squares of 2 x 2, of which those at the right and the bottom are cut.
