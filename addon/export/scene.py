@@ -206,7 +206,7 @@ class _SceneExporter:
         owner = _owner(instance).original
         key = obj.original.session_uid, owner.session_uid, placed.kind, placed.number
         if key not in self.shared:
-            self.shared[key] = self._shared(obj, owner, placed)
+            self.shared[key] = self._shared(obj, owner, placed, instance.is_instance)
         shared = self.shared[key]
         attributes = {"attributes": values_of_instance(instance, shared.asked)} if shared.asked else {}
         self.builder.add_instance(
@@ -221,7 +221,7 @@ class _SceneExporter:
             **volume,
         )
 
-    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed) -> _Shared:
+    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed, is_instance: bool) -> _Shared:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
         warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
@@ -245,7 +245,7 @@ class _SceneExporter:
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
         asked = set().union(*(self.materials.of_objects.get(number, ()) for number in materials))
-        if owner != obj.original and asks_instancer(asked) and any(each.type == "NODES" for each in owner.modifiers):
+        if is_instance and asks_instancer(asked) and any(each.type == "NODES" for each in owner.modifiers):
             words = "attributes that nodes give their instances are not known; those of the instancer are taken"
             self.builder.warn(f"object '{obj.name}': {words}")
         return _Shared(obj.name, materials, settings, asked)
