@@ -1,4 +1,4 @@
-"""What Blender itself tells of its shader nodes and settings."""
+"""Shader nodes and settings as Blender itself lists them."""
 
 import contextlib
 import os

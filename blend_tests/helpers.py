@@ -5,12 +5,13 @@ import time
 
 import bpy
 import numpy as np
+import relume
 from mathutils import Matrix
 
 from addon.core.rows import LIGHT
 from addon.engine.reading.scene import load_scene
 from addon.engine.shot import shot
-from addon.export import ExportOptions
+from addon.export import ExportOptions, trace_settings
 from addon.live import rows
 from addon.live.scheduler import TICK_SECONDS, scheduler
 
@@ -142,6 +143,16 @@ def render_cycles(scene, samples=64, **settings):
     width, height = image.size
     bpy.data.images.remove(image)
     return pixels.reshape(height, width, -1)[..., :3]
+
+
+def both_lit(scene, folder, samples):
+    """Pictures of a scene by Relume, baked into a folder without a warning, and by Cycles."""
+    bpy.context.view_layer.update()
+    loaded = load_scene(scene)
+    assert loaded.warnings == []
+    relume.bake(loaded, folder, trace_settings(scene, lambda _: None) | {"samples": samples}).wait()
+    ours = relume.Relighter(folder).relight(loaded.lights(), denoise=False)["combined"]
+    return ours, render_cycles(scene, samples=samples)
 
 
 def update():

@@ -219,7 +219,7 @@ TABLE = {
 
 
 def decision_on(structure, prop):
-    """What becomes of a property of a structure; None if nobody has decided. A whole name goes before a pattern."""
+    """Decision about a property of a structure; None if nobody has decided. A whole name goes before a pattern."""
     by_name = {pattern: fate for fate, patterns in TABLE[structure].items() for pattern in patterns.split()}
     matching = (fate for pattern, fate in by_name.items() if fnmatchcase(prop, pattern))
     return by_name.get(prop) or next(matching, None)

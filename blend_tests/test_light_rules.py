@@ -5,14 +5,11 @@ import json
 
 import bpy
 import pytest
-import relume
 
 from addon.core.receivers import with_names, with_numbers
-from addon.engine.reading.scene import load_scene
-from addon.export import trace_settings
 from addon.export.lights import rules_of_lights
 from cards import node
-from helpers import add_light, add_material, add_quad, render_cycles
+from helpers import add_light, add_material, add_quad, both_lit
 
 pytestmark = pytest.mark.oldest_and_newest
 
@@ -94,13 +91,7 @@ def test_light_falls_as_in_cycles(stage, case, tmp_path):
     scene = stage
     lights = [scene.objects[name] for name in ("Right", "Left")]
     case(*lights)
-    bpy.context.view_layer.update()
-    loaded = load_scene(scene)
-    assert loaded.warnings == []
-    settings = trace_settings(scene, lambda _: None) | {"samples": SAMPLES}
-    relume.bake(loaded, tmp_path / "bake", settings).wait()
-    ours = relume.Relighter(tmp_path / "bake").relight(loaded.lights(), denoise=False)["combined"]
-    cycles = render_cycles(scene, samples=SAMPLES)
+    ours, cycles = both_lit(scene, tmp_path / "bake", SAMPLES)
     # Cycles finds some of a lamp by chance, where its rules do not count.
     assert ours.mean() == pytest.approx(cycles.mean(), rel=0.02, abs=5e-4)
 

@@ -1,13 +1,10 @@
-"""What shadow rays meet otherwise than paths, and Light Path, beside Cycles: means of small pictures, within noise."""
+"""Light where shadow rays see otherwise than paths, and Light Path, beside Cycles: means of small pictures."""
 
 import bpy
 import pytest
-import relume
 
-from addon.engine.reading.scene import load_scene
-from addon.export import trace_settings
 from cards import Cards, differences, node
-from helpers import add_light, add_material, add_quad, exported, render_cycles
+from helpers import add_light, add_material, add_quad, both_lit, exported
 
 pytestmark = pytest.mark.oldest_and_newest
 
@@ -87,13 +84,7 @@ CASES = (blocking, no_shadow, hidden_blocker, opaque_shadows, clear_to_shadows, 
 def test_light_passes_the_plate_as_in_cycles(stage, case, tmp_path):
     scene, plate, tree, output = stage
     case(plate, tree, output)
-    bpy.context.view_layer.update()
-    loaded = load_scene(scene)
-    assert loaded.warnings == []
-    settings = trace_settings(scene, lambda _: None) | {"samples": SAMPLES}
-    relume.bake(loaded, tmp_path / "bake", settings).wait()
-    ours = relume.Relighter(tmp_path / "bake").relight(loaded.lights(), denoise=False)["combined"]
-    cycles = render_cycles(scene, samples=SAMPLES)
+    ours, cycles = both_lit(scene, tmp_path / "bake", SAMPLES)
     # Cycles finds a hundredth of the lamp's light by chance, wherever the plate is.
     assert ours.mean() == pytest.approx(cycles.mean(), rel=0.02, abs=5e-4)
 

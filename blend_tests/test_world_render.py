@@ -10,6 +10,7 @@ import pytest
 import relume
 
 from addon.engine.reading.scene import load_scene
+from addon.engine.workers import process
 from addon.engine.world import worlds
 from addon.export import trace_settings
 from addon.export.materials.graph import resolve
@@ -284,7 +285,7 @@ def test_a_missing_picture_is_named(scene, world, tmp_path):
 
 def other_program(monkeypatch, code):
     """Runs this in place of another Blender."""
-    monkeypatch.setattr(worlds, "blender_command", lambda _blend, _arguments: [sys.executable, "-c", code])
+    monkeypatch.setattr(process, "blender_command", lambda _blend, _arguments: [sys.executable, "-c", code])
 
 
 def test_a_failure_of_the_other_blender_is_told_once(scene, world, monkeypatch):
@@ -301,8 +302,8 @@ def test_rendering_can_be_cancelled(scene, world, monkeypatch):
     sky(tree, background)
     other_program(monkeypatch, "import time; time.sleep(60)")
     started, workers = time.monotonic(), []
-    worker = worlds.Worker
-    monkeypatch.setattr(worlds, "Worker", lambda *asked: workers.append(worker(*asked)) or workers[-1])
+    worker = process.Worker
+    monkeypatch.setattr(process, "Worker", lambda *asked: workers.append(worker(*asked)) or workers[-1])
     graph = WorldGraph(resolve(tree.get_output_node("CYCLES").inputs["Surface"], ()), WorldReader())
     with pytest.raises(ExportCancelled):
         worlds.rendered(graph, lambda: time.monotonic() > started + 0.2)

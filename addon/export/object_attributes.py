@@ -24,7 +24,7 @@ NO_VALUE: Rgba = (0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What materials ask of all that is around the objects."""
+    """Answers to what materials ask of all that is around the objects."""
 
     value_of_layer: Callable[[str], Rgba] = lambda _name: NO_VALUE
     """Finds an attribute of the view layer, or else of its scene or world."""

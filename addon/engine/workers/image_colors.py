@@ -4,23 +4,21 @@ likes, and holds up no window. Called while a scene is read."""
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 
 import bpy
 import numpy as np
 
 from ...export.images import ConvertError, Encoded, as_rgba
-from ...export.stop import ExportCancelled, Stop
+from ...export.stop import Stop
 from ...export.target import through_blender
 from ...export.working_space import working_space
-from .process import Worker, blender_command, private_folder, telling_little_room
+from .process import private_folder, run_to_end, telling_little_room
 
 COMMAND = "convert-image"
 JOB, PACKED, PIXELS, RESULT = "job.json", "packed", "pixels.npy", "result.npy"
 MULTIPLIED = {"PREMUL"} if bpy.app.version >= (5, 0, 0) else {"PREMUL", "CHANNEL_PACKED"}
 """Alpha modes whose colours Cycles divides by alpha while it converts them; before 5.0 unrelated alpha too."""
-POLL_SECONDS = 0.02
 
 
 def converted(image: Encoded, stop: Stop) -> np.ndarray:
@@ -50,15 +48,7 @@ def _write_job(place: Path, image: Encoded) -> None:
 
 
 def _work(place: Path, stop: Stop) -> None:
-    worker = Worker(blender_command(None, [COMMAND, str(place), "--json"]), place)
-    try:
-        while not worker.ended:
-            if stop():
-                raise ExportCancelled("cancelled")
-            time.sleep(POLL_SECONDS)
-    finally:
-        worker.kill()
-    worker.events()
+    worker = run_to_end([COMMAND], place, stop)
     if worker.code != 0:
         raise ConvertError(worker.failure())
 

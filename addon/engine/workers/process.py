@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from typing import Any
 import bpy
 
 from ...core.disk import free_space, in_words
+from ...export.stop import ExportCancelled, Stop
 from . import unsaved_images
 
 SCRIPT = "relume_bake.py"
@@ -33,6 +35,7 @@ LAST_WORDS = 20
 """Lines that are kept to say why a process failed."""
 OWNER_IS_GONE = 129
 """Exit code, which nobody is left to read: as shells report SIGHUP."""
+POLL_SECONDS = 0.02
 LITTLE_ROOM = 2**26
 """Bytes: with less a disk counts as full, since what could not be written whole may have been removed."""
 WINDOWS_EXCEPTIONS = 0xC0000000
@@ -233,6 +236,21 @@ def blender_command(blend: Path | None, arguments: list[str]) -> list[str]:
         *(bpy.app.binary_path, "--background", "--factory-startup"),
         *(*drivers, *file, "--python", script, "--", *arguments),
     ]
+
+
+def run_to_end(arguments: list[str], folder: Path, stop: Stop) -> Worker:
+    """Another Blender after it did a command that works in a folder. Waits; raises `ExportCancelled` soon after `stop`
+    says so."""
+    worker = Worker(blender_command(None, [*arguments, str(folder), "--json"]), folder)
+    try:
+        while not worker.ended:
+            if stop():
+                raise ExportCancelled("cancelled")
+            time.sleep(POLL_SECONDS)
+    finally:
+        worker.kill()
+    worker.events()
+    return worker
 
 
 def _script() -> Path:

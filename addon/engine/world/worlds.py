@@ -6,7 +6,6 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
-import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,11 +16,11 @@ import bpy
 import numpy as np
 
 from ...export.images import is_as_in_file
-from ...export.stop import ExportCancelled, Stop
+from ...export.stop import Stop
 from ...export.working_space import working_space
 from ...export.world import WorldRenderError
 from ...export.world_graph import WorldGraph
-from ..workers.process import Worker, blender_command, private_folder, telling_little_room
+from ..workers.process import private_folder, run_to_end, telling_little_room
 
 COMMAND = "render-world"
 JOB, RESULT = "job.json", "world.npy"
@@ -29,7 +28,6 @@ WIDTH, LARGEST_WIDTH = 2048, 4096
 """Columns of the texture: the disc of the sun takes three of 2048. More where an image has more."""
 KEPT = 2
 """Textures that are kept for worlds that come again, 32 MiB each at the usual width."""
-POLL_SECONDS = 0.02
 
 _kept: OrderedDict[str, np.ndarray] = OrderedDict()
 _lock = threading.Lock()
@@ -122,15 +120,7 @@ def _render(job: str, contents: dict[str, _Contents], stop: Stop) -> np.ndarray:
         place = Path(folder)
         with telling_little_room(place):
             _write_job(place, job, contents)
-        worker = Worker(blender_command(None, [COMMAND, folder, "--json"]), place)
-        try:
-            while not worker.ended:
-                if stop():
-                    raise ExportCancelled("cancelled")
-                time.sleep(POLL_SECONDS)
-        finally:
-            worker.kill()
-        worker.events()
+        worker = run_to_end([COMMAND], place, stop)
         if worker.code != 0:
             raise WorldRenderError(worker.failure())
         return np.load(place / RESULT)

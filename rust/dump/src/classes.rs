@@ -24,7 +24,7 @@ pub enum Sight {
 impl SegmentClasses {
     /// Number of classes.
     pub fn count(&self) -> usize {
-        (2 + self.blockers.len()) * self.intervals()
+        (2 + self.blockers.len()).saturating_mul(self.intervals())
     }
 
     /// Number of the class of segments from a vertex with so many bounces before it.
@@ -37,7 +37,7 @@ impl SegmentClasses {
         row * self.intervals() + self.bounce_limits.partition_point(|limit| *limit < bounces)
     }
 
-    /// What the segments of a class stand for, and the most bounces before them; none without limit.
+    /// Ray that the segments of a class stand for, and the most bounces before them; none without limit.
     pub fn rules(&self, class: usize) -> (Sight, Option<u32>) {
         let (row, interval) = (class / self.intervals(), class % self.intervals());
         let sight = match row {
@@ -56,6 +56,32 @@ impl SegmentClasses {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_may_not_have_more_classes_than_numbers() {
+        let classes = SegmentClasses { blockers: vec![Vec::new(); 2047], ..SegmentClasses::default() };
+        assert_eq!(classes.count(), usize::from(crate::RECEIVER_LIMIT) + 1);
+        let manifest = crate::Manifest {
+            format_version: crate::FORMAT_VERSION,
+            scene_hash: String::new(),
+            width: 1,
+            height: 1,
+            tile_size: 1,
+            passes: vec![crate::Pass { first_sample: 0, samples: 1 }],
+            seed: 0,
+            camera: serde_json::Value::Null,
+            camera_position: None,
+            receivers: Vec::new(),
+            classes: None,
+            settings: serde_json::Value::Null,
+            working_space: String::new(),
+            world_color: [0.0; 3],
+            world_map: String::new(),
+            recorded: None,
+        };
+        assert!(manifest.check().is_ok());
+        assert!(crate::Manifest { classes: Some(classes), ..manifest }.check().is_err());
+    }
 
     #[test]
     fn each_class_has_its_rules() {

@@ -162,7 +162,8 @@ impl Manifest {
         if self.world_color.iter().any(|channel| !channel.is_finite()) {
             return fail("the colour of the world is not finite".into());
         }
-        if self.receiver_count() > usize::from(crate::RECEIVER_LIMIT) {
+        let classes = self.classes.as_ref().map_or(1, SegmentClasses::count);
+        if self.receiver_count().max(classes) > usize::from(crate::RECEIVER_LIMIT) {
             return fail(format!("more than {} receivers", crate::RECEIVER_LIMIT));
         }
         Ok(())

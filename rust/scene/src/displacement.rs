@@ -11,7 +11,7 @@ pub struct Displacement {
     pub keeps_normals: bool,
 }
 
-/// What displacement has to know of a mesh besides its shape.
+/// Facts about a mesh, besides its shape, that displacement needs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Displaceable {
     /// Unit normals that the shaders see, one a vertex.

@@ -23,7 +23,7 @@ pub struct Material {
     /// Shading normal of its surface, where displacement bumps that of the mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bumped_normal: Option<Input>,
-    /// What it does to the vertices of meshes.
+    /// Displacement of the vertices of meshes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub displacement: Option<Displacement>,
     /// True if shadow rays meet its transparent parts as if they were opaque (Cycles' Transparent Shadows switched off).

@@ -33,9 +33,8 @@ pub(crate) fn segment_classes(scene: &Scene) -> Result<Option<SegmentClasses>, S
     let receivers = scene.receiver_names().len();
     if receivers * classes.count() > usize::from(RECEIVER_LIMIT) {
         return Err(format!(
-            "{receivers} objects are too many for lights without shadow, with shadow linking, a limit to their bounces or without \
-             Multiple Importance: with {} different ones there may be {}; they are taken as ordinary lights",
-            classes.count(),
+            "{receivers} objects are too many for rules of lights (shadow, bounces, Multiple Importance): with these {} may be \
+             there; all lights are taken as ordinary",
             usize::from(RECEIVER_LIMIT) / classes.count(),
         ));
     }

@@ -240,7 +240,7 @@ fn corner_normals_of_their_own_turn_with_the_vertices() {
     assert_near(moved.corner_normals[0], (Vec3::X + turned - Vec3::Z).normalize());
 }
 
-/// What a scene's only triangle pair emits at the middle of its lower edge, seen from above.
+/// Emission of a scene's only triangle pair at the middle of its lower edge, seen from above.
 fn emission_of(scene: &Scene) -> Vec3 {
     let (prepared, _) = PreparedMaterials::new(scene);
     let hit = Hit::on(scene, [0, 0], [0.5, 0.0], 1.0);
