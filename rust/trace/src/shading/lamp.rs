@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use relume_dump::encode_rgb9e5;
-use relume_scene::{EmissionMap, Geometry, Instance, MapDomain, Material, Mesh, Node, Scene, Texture, UvMap};
+use relume_scene::{
+    EmissionMap, Geometry, Instance, MapDomain, Material, Mesh, Node, STILL, Scene, Texture, UvMap,
+};
 
 use super::{PreparedMaterials, RayInfo, SurfacePoint};
 use crate::bsdf::Surface;
@@ -175,6 +177,7 @@ impl Lamp {
             ray_length: 0.0,
             footprint: 0.0,
             strand: None,
+            time: STILL,
             ray: RayInfo::default(),
         };
         prepared.evaluate(scene, &point, surface);

@@ -1,13 +1,14 @@
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec4};
 use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Scene,
-    SurfaceBase, UvMap,
+    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Pose, Scene,
+    SurfaceBase, UvMap, blend, place,
 };
 
 use super::closures::shade;
 use super::evaluate::{Known, ShadingContext};
 use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
+use super::moving::key_normals;
 use super::tangents::{corner_tangents, spherical_coords, undisplaced_positions};
 use super::texture::{PreparedTexture, equirectangular};
 use super::values::NodeInputs;
@@ -22,6 +23,8 @@ pub struct PreparedMaterials {
     graphs: Vec<Graph>,
     pub(super) textures: Vec<PreparedTexture>,
     transforms: Vec<Transforms>,
+    /// Poses of each instance; none at all where none moves.
+    poses: Vec<Vec<Pose>>,
     /// Those of all meshes, and of the nothing that the world's medium is in.
     meshes: Vec<PreparedMesh>,
     curves: Vec<Attributes>,
@@ -39,6 +42,8 @@ struct PreparedMesh {
     /// Lower corner and size of the box of generated coordinates.
     bounds: (Vec3, Vec3),
     attributes: Attributes,
+    /// Corner normals at each key of its motion, key after key; empty if it keeps its shape or is flat.
+    key_normals: Vec<Vec3>,
 }
 
 /// Transforms of one instance.
@@ -49,6 +54,16 @@ struct Transforms {
     world_from_object_normal: Mat3A,
     /// The inverse, likewise.
     object_from_world_normal: Mat3A,
+}
+
+impl Transforms {
+    fn new(world_from_object: Affine3A) -> Self {
+        Self {
+            object_from_world: world_from_object.inverse(),
+            world_from_object_normal: world_from_object.matrix3.inverse().transpose(),
+            object_from_world_normal: world_from_object.matrix3.transpose(),
+        }
+    }
 }
 
 /// Numbers of a geometry's arrays that the graphs mean by their names.
@@ -98,12 +113,13 @@ impl PreparedMaterials {
                 .instances
                 .iter()
                 .chain([&space])
-                .map(|instance| Transforms {
-                    object_from_world: instance.world_from_object.inverse(),
-                    world_from_object_normal: instance.world_from_object.matrix3.inverse().transpose(),
-                    object_from_world_normal: instance.world_from_object.matrix3.transpose(),
-                })
+                .map(|instance| Transforms::new(instance.world_from_object))
                 .collect(),
+            poses: if scene.instances.iter().any(|instance| !instance.motion.is_empty()) {
+                scene.instances.iter().map(|instance| instance.motion.clone()).collect()
+            } else {
+                Vec::new()
+            },
             meshes: (scene.meshes.iter().chain([&nothing]))
                 .map(|mesh| PreparedMesh::new(mesh, &names))
                 .collect(),
@@ -133,21 +149,21 @@ impl PreparedMaterials {
         let instance = &scene.instances[hit.instance as usize];
         let front = hit.front.normalize_or(-direction);
         let strand = scene.curves(instance.geometry).map(|curves| {
-            let matrix = instance.world_from_object.matrix3;
-            StrandPoint::new(curves, hit, matrix, self.object_direction(hit.instance, direction))
+            let matrix = instance.world_from_object_at(hit.time).matrix3;
+            StrandPoint::new(curves, hit, matrix, self.object_direction(hit.instance, hit.time, direction))
         });
         let smooth = match (scene.mesh(instance.geometry), &strand) {
             (_, Some(strand)) => {
-                strand.ribbon_normal.map_or(front, |normal| self.world_normal(hit.instance, normal))
+                strand.ribbon_normal.map_or(front, |normal| self.world_normal(hit.instance, hit.time, normal))
             }
             (Some(mesh), _) if !mesh.corner_normals.is_empty() => {
-                let corner = 3 * hit.primitive as usize;
+                let [a, b, c] = self.corner_normals_at(instance.geometry, mesh, hit.primitive, hit.time);
                 let [u, v] = hit.barycentrics;
-                let interpolated = mesh.corner_normals[corner] * (1.0 - u - v)
-                    + mesh.corner_normals[corner + 1] * u
-                    + mesh.corner_normals[corner + 2] * v;
-                let normal_matrix = self.transforms[hit.instance as usize].world_from_object_normal;
-                (normal_matrix * interpolated).normalize_or(front)
+                let interpolated = a * (1.0 - u - v) + b * u + c * v;
+                self.at(hit.instance, hit.time, |transforms| {
+                    transforms.world_from_object_normal * interpolated
+                })
+                .normalize_or(front)
             }
             _ => front,
         };
@@ -165,6 +181,7 @@ impl PreparedMaterials {
             barycentrics: hit.barycentrics,
             ray_length: hit.distance,
             footprint,
+            time: hit.time,
             strand,
             ray: RayInfo { origin, ..RayInfo::default() },
         }
@@ -231,16 +248,55 @@ impl PreparedMaterials {
         &self.graphs[material]
     }
 
-    /// World-space matrix's inverse of an instance, or of all space.
-    pub(crate) fn object_from_world(&self, instance: u32) -> Affine3A {
-        self.transforms[instance as usize].object_from_world
+    /// World-space matrix's inverse of an instance, or of all space, at a time.
+    pub(crate) fn object_from_world(&self, instance: u32, time: f32) -> Affine3A {
+        self.at(instance, time, |transforms| transforms.object_from_world)
+    }
+
+    /// True if an instance moves.
+    pub(crate) fn is_moving(&self, instance: u32) -> bool {
+        self.poses.get(instance as usize).is_some_and(|poses| !poses.is_empty())
+    }
+
+    /// Something of the transforms of an instance at a time.
+    #[inline(always)]
+    fn at<T>(&self, instance: u32, time: f32, of: impl FnOnce(&Transforms) -> T) -> T {
+        match self.poses.get(instance as usize) {
+            Some(poses) if !poses.is_empty() => of(&Transforms::new(Pose::at(poses, time))),
+            _ => of(&self.transforms[instance as usize]),
+        }
+    }
+
+    /// Object-space normals at the corners of a triangle of a smooth mesh at a time, not normalised.
+    pub(super) fn corner_normals_at(
+        &self,
+        geometry: Geometry,
+        mesh: &Mesh,
+        triangle: u32,
+        time: f32,
+    ) -> [Vec3; 3] {
+        let corner = 3 * triangle as usize;
+        let keys = match geometry {
+            Geometry::Mesh(index) if !mesh.motion.is_empty() => &self.meshes[index].key_normals[..],
+            _ => return [0, 1, 2].map(|next| mesh.corner_normals[corner + next]),
+        };
+        let count = mesh.corner_normals.len();
+        let (key, share) = place(keys.len() / count, time);
+        let first = key * count + corner;
+        [0, 1, 2].map(|next| blend(keys[first + next], keys[first + count + next], share))
     }
 
     /// Value at a world-space position of the grid with this name number that an instance has; nothing if it has none. A scalar is in
     /// all of red, green and blue.
-    pub(crate) fn field(&self, scene: &Scene, instance: u32, name: usize, position: Vec3) -> Option<Vec4> {
+    pub(crate) fn field(
+        &self,
+        scene: &Scene,
+        (instance, time): (u32, f32),
+        name: usize,
+        position: Vec3,
+    ) -> Option<Vec4> {
         let set = scene.instances.get(instance as usize)?.grids?;
-        let position = self.object_from_world(instance).transform_point3(position);
+        let position = self.object_from_world(instance, time).transform_point3(position);
         self.fields.value(scene, set, name, position)
     }
 
@@ -307,36 +363,44 @@ impl PreparedMaterials {
         point: &SurfacePoint,
     ) -> Option<([Vec3; 3], [Vec3; 3])> {
         let mesh = scene.mesh(point.geometry)?;
-        let corner = 3 * point.primitive as usize;
-        let normals: &[Vec3; 3] = mesh.corner_normals.get(corner..corner + 3)?.try_into().ok()?;
-        let world_from_object = scene.instances[point.instance as usize].world_from_object;
-        let corners = mesh.triangles[point.primitive as usize]
-            .map(|vertex| world_from_object.transform_point3(mesh.positions[vertex as usize]));
-        Some((corners, normals.map(|normal| self.world_normal(point.instance, normal))))
+        if mesh.corner_normals.is_empty() {
+            return None;
+        }
+        let normals = self.corner_normals_at(point.geometry, mesh, point.primitive, point.time);
+        let world_from_object = scene.instances[point.instance as usize].world_from_object_at(point.time);
+        let corners = mesh.corners_at(point.primitive as usize, point.time);
+        Some((
+            corners.map(|corner| world_from_object.transform_point3(corner)),
+            normals.map(|normal| self.world_normal(point.instance, point.time, normal)),
+        ))
     }
 
-    pub(super) fn object_direction(&self, instance: u32, world: Vec3) -> Vec3 {
-        self.transforms[instance as usize].object_from_world.transform_vector3(world)
+    pub(super) fn object_direction(&self, instance: u32, time: f32, world: Vec3) -> Vec3 {
+        self.at(instance, time, |transforms| transforms.object_from_world.transform_vector3(world))
     }
 
-    pub(super) fn object_position(&self, instance: u32, world: Vec3) -> Vec3 {
-        self.transforms[instance as usize].object_from_world.transform_point3(world)
+    pub(super) fn object_position(&self, instance: u32, time: f32, world: Vec3) -> Vec3 {
+        self.at(instance, time, |transforms| transforms.object_from_world.transform_point3(world))
     }
 
     /// A unit object-space normal from a world-space one.
-    pub(super) fn object_normal(&self, instance: u32, world: Vec3) -> Vec3 {
-        (self.transforms[instance as usize].object_from_world_normal * world).normalize_or_zero()
+    pub(super) fn object_normal(&self, instance: u32, time: f32, world: Vec3) -> Vec3 {
+        self.at(instance, time, |transforms| transforms.object_from_world_normal * world).normalize_or_zero()
     }
 
     /// A unit world-space normal from an object-space one.
-    pub(super) fn world_normal(&self, instance: u32, object: Vec3) -> Vec3 {
-        (self.transforms[instance as usize].world_from_object_normal * object).normalize_or_zero()
+    pub(super) fn world_normal(&self, instance: u32, time: f32, object: Vec3) -> Vec3 {
+        self.at(instance, time, |transforms| transforms.world_from_object_normal * object).normalize_or_zero()
     }
 }
 
 impl PreparedMesh {
     fn new(mesh: &Mesh, names: &Names) -> Self {
-        Self { bounds: bounds(mesh), attributes: find_attributes(mesh, names) }
+        Self {
+            bounds: bounds(mesh),
+            attributes: find_attributes(mesh, names),
+            key_normals: key_normals(mesh),
+        }
     }
 }
 
