@@ -250,8 +250,8 @@ class _Reader:
 
     def __init__(self, depsgraph: bpy.types.Depsgraph, camera: bpy.types.Object, motion: Motion):
         self.depsgraph, self.camera, self.motion = depsgraph, camera, motion
-        self.deforming: dict[tuple[int, str], bool] = {}
-        """Objects whose shape may change, by uid and type."""
+        self.deforming: dict[int, bool] = {}
+        """True for each object whose shape may change, by uid."""
 
     def find_settings(self) -> set[int]:
         """Finds what may move, and returns the steps at which anything has a key."""
@@ -295,7 +295,7 @@ class _Reader:
             parts[""] = lambda: places_of_curves(curves_arrays(obj.data)) if len(obj.data.points) else None
         elif obj.type == "POINTCLOUD":
             parts[""] = lambda: places_of_points(points_arrays(obj.data)) if len(obj.data.points) else None
-        elif obj.type == "MESH" and self._may_deform(obj):
+        elif obj.type == "MESH" and self._may_deform(instance):
             parts[""] = lambda: stored(shown_mesh(obj).attributes["position"].data, np.float32, 3).copy()
         if instance.show_particles and obj.type == "MESH":
             for modifier in hair_of(obj):
@@ -306,13 +306,14 @@ class _Reader:
             if (places := known[address, part]) is not None:
                 yield part, places
 
-    def _may_deform(self, obj: bpy.types.Object) -> bool:
-        key = obj.original.session_uid, obj.original.type
-        if key not in self.deforming:
-            # What nodes made is no object of its own: it may change.
-            is_own = obj.original.type == "MESH"
-            self.deforming[key] = not is_own or obj.original.is_deform_modified(self.depsgraph.scene, "RENDER")
-        return self.deforming[key]
+    def _may_deform(self, instance: bpy.types.DepsgraphObjectInstance) -> bool:
+        shown = instance.instance_object if instance.is_instance else instance.object
+        if shown is None or shown.data != instance.object.data:
+            return True  # Nodes made it: modifiers do not tell.
+        uid = shown.original.session_uid
+        if uid not in self.deforming:
+            self.deforming[uid] = shown.original.is_deform_modified(self.depsgraph.scene, "RENDER")
+        return self.deforming[uid]
 
 
 def _camera_moves(data: bpy.types.Camera) -> bool:

@@ -1,14 +1,14 @@
-use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec4};
+use glam::{Affine3A, Vec2, Vec3, Vec4};
 use relume_scene::{
     ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Pose, Scene,
-    SurfaceBase, UvMap, blend, place,
+    SurfaceBase, UvMap,
 };
 
 use super::closures::shade;
 use super::evaluate::{Known, ShadingContext};
 use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
-use super::moving::key_normals;
+use super::moving::{Transforms, key_normals};
 use super::tangents::{corner_tangents, spherical_coords, undisplaced_positions};
 use super::texture::{PreparedTexture, equirectangular};
 use super::values::NodeInputs;
@@ -22,11 +22,11 @@ use crate::media::MediumSample;
 pub struct PreparedMaterials {
     graphs: Vec<Graph>,
     pub(super) textures: Vec<PreparedTexture>,
-    transforms: Vec<Transforms>,
+    pub(super) transforms: Vec<Transforms>,
     /// Poses of each instance; none at all where none moves.
-    poses: Vec<Vec<Pose>>,
+    pub(super) poses: Vec<Vec<Pose>>,
     /// Those of all meshes, and of the nothing that the world's medium is in.
-    meshes: Vec<PreparedMesh>,
+    pub(super) meshes: Vec<PreparedMesh>,
     curves: Vec<Attributes>,
     points: Vec<Attributes>,
     /// Values by name numbers that materials ask each instance for; none of those that have none.
@@ -38,32 +38,12 @@ pub struct PreparedMaterials {
 
 /// Everything about one mesh that does not depend on the hit.
 #[derive(Debug)]
-struct PreparedMesh {
+pub(super) struct PreparedMesh {
     /// Lower corner and size of the box of generated coordinates.
     bounds: (Vec3, Vec3),
     attributes: Attributes,
     /// Corner normals at each key of its motion, key after key; empty if it keeps its shape or is flat.
-    key_normals: Vec<Vec3>,
-}
-
-/// Transforms of one instance.
-#[derive(Clone, Copy, Debug)]
-struct Transforms {
-    object_from_world: Affine3A,
-    /// World-space normals from object-space ones, before normalising.
-    world_from_object_normal: Mat3A,
-    /// The inverse, likewise.
-    object_from_world_normal: Mat3A,
-}
-
-impl Transforms {
-    fn new(world_from_object: Affine3A) -> Self {
-        Self {
-            object_from_world: world_from_object.inverse(),
-            world_from_object_normal: world_from_object.matrix3.inverse().transpose(),
-            object_from_world_normal: world_from_object.matrix3.transpose(),
-        }
-    }
+    pub(super) key_normals: Vec<Vec3>,
 }
 
 /// Numbers of a geometry's arrays that the graphs mean by their names.
@@ -160,10 +140,7 @@ impl PreparedMaterials {
                 let [a, b, c] = self.corner_normals_at(instance.geometry, mesh, hit.primitive, hit.time);
                 let [u, v] = hit.barycentrics;
                 let interpolated = a * (1.0 - u - v) + b * u + c * v;
-                self.at(hit.instance, hit.time, |transforms| {
-                    transforms.world_from_object_normal * interpolated
-                })
-                .normalize_or(front)
+                self.turned_normal(hit.instance, hit.time, interpolated).normalize_or(front)
             }
             _ => front,
         };
@@ -248,44 +225,6 @@ impl PreparedMaterials {
         &self.graphs[material]
     }
 
-    /// World-space matrix's inverse of an instance, or of all space, at a time.
-    pub(crate) fn object_from_world(&self, instance: u32, time: f32) -> Affine3A {
-        self.at(instance, time, |transforms| transforms.object_from_world)
-    }
-
-    /// True if an instance moves.
-    pub(crate) fn is_moving(&self, instance: u32) -> bool {
-        self.poses.get(instance as usize).is_some_and(|poses| !poses.is_empty())
-    }
-
-    /// Something of the transforms of an instance at a time.
-    #[inline(always)]
-    fn at<T>(&self, instance: u32, time: f32, of: impl FnOnce(&Transforms) -> T) -> T {
-        match self.poses.get(instance as usize) {
-            Some(poses) if !poses.is_empty() => of(&Transforms::new(Pose::at(poses, time))),
-            _ => of(&self.transforms[instance as usize]),
-        }
-    }
-
-    /// Object-space normals at the corners of a triangle of a smooth mesh at a time, not normalised.
-    pub(super) fn corner_normals_at(
-        &self,
-        geometry: Geometry,
-        mesh: &Mesh,
-        triangle: u32,
-        time: f32,
-    ) -> [Vec3; 3] {
-        let corner = 3 * triangle as usize;
-        let keys = match geometry {
-            Geometry::Mesh(index) if !mesh.motion.is_empty() => &self.meshes[index].key_normals[..],
-            _ => return [0, 1, 2].map(|next| mesh.corner_normals[corner + next]),
-        };
-        let count = mesh.corner_normals.len();
-        let (key, share) = place(keys.len() / count, time);
-        let first = key * count + corner;
-        [0, 1, 2].map(|next| blend(keys[first + next], keys[first + count + next], share))
-    }
-
     /// Value at a world-space position of the grid with this name number that an instance has; nothing if it has none. A scalar is in
     /// all of red, green and blue.
     pub(crate) fn field(
@@ -353,44 +292,6 @@ impl PreparedMaterials {
         let Attributes { tangents, undisplaced_tangents, .. } = self.attributes(geometry);
         let before = undisplaced_tangents.get(name).filter(|_| base != SurfaceBase::Shaded);
         before.unwrap_or(&tangents[name]).as_deref()
-    }
-
-    /// Corners and their unit shading normals of the triangle that `point` is on, in world space; nothing if its mesh is
-    /// flat-shaded.
-    pub(crate) fn smooth_triangle(
-        &self,
-        scene: &Scene,
-        point: &SurfacePoint,
-    ) -> Option<([Vec3; 3], [Vec3; 3])> {
-        let mesh = scene.mesh(point.geometry)?;
-        if mesh.corner_normals.is_empty() {
-            return None;
-        }
-        let normals = self.corner_normals_at(point.geometry, mesh, point.primitive, point.time);
-        let world_from_object = scene.instances[point.instance as usize].world_from_object_at(point.time);
-        let corners = mesh.corners_at(point.primitive as usize, point.time);
-        Some((
-            corners.map(|corner| world_from_object.transform_point3(corner)),
-            normals.map(|normal| self.world_normal(point.instance, point.time, normal)),
-        ))
-    }
-
-    pub(super) fn object_direction(&self, instance: u32, time: f32, world: Vec3) -> Vec3 {
-        self.at(instance, time, |transforms| transforms.object_from_world.transform_vector3(world))
-    }
-
-    pub(super) fn object_position(&self, instance: u32, time: f32, world: Vec3) -> Vec3 {
-        self.at(instance, time, |transforms| transforms.object_from_world.transform_point3(world))
-    }
-
-    /// A unit object-space normal from a world-space one.
-    pub(super) fn object_normal(&self, instance: u32, time: f32, world: Vec3) -> Vec3 {
-        self.at(instance, time, |transforms| transforms.object_from_world_normal * world).normalize_or_zero()
-    }
-
-    /// A unit world-space normal from an object-space one.
-    pub(super) fn world_normal(&self, instance: u32, time: f32, object: Vec3) -> Vec3 {
-        self.at(instance, time, |transforms| transforms.world_from_object_normal * object).normalize_or_zero()
     }
 }
 
