@@ -52,8 +52,13 @@ def scene_of_depsgraph(
     notes: Sequence[str] = (),
 ) -> Any:
     """A `relume.Scene` of what a render engine was given, with notes among its warnings. The engine shows other frames
-    meanwhile, where things move. Raises `ExportCancelled` soon
-    after `stop` says so."""
+    meanwhile, where things move. Raises `ExportCancelled` soon after `stop` says so."""
+
+    def frame_set(frame: int, part: float) -> None:
+        engine.frame_set(frame, subframe=part)
+        if stop():
+            raise ExportCancelled("cancelled")
+
     builder = native().SceneBuilder(working_space())
     for note in notes:
         builder.warn(note)
@@ -65,7 +70,7 @@ def scene_of_depsgraph(
         options or ExportOptions(),
         lambda world: worlds.rendered(world, stop),
         lambda image: image_colors.converted(image, stop),
-        lambda frame, part: engine.frame_set(frame, subframe=part),
+        frame_set,
     )
     return builder.build()
 
