@@ -23,13 +23,10 @@ def blurred(scene):
 
 
 def animate(block, path, before, after, frames=(FRAME - 1, FRAME + 1)):
-    """Even motion between two frames, through the one that is shown."""
-    edit = bpy.context.preferences.edit
-    kept, edit.keyframe_new_interpolation_type = edit.keyframe_new_interpolation_type, "LINEAR"
+    """Motion between two frames, through the one that is shown."""
     for frame, value in zip(frames, (before, after), strict=True):
         setattr(block, path, value)
         block.keyframe_insert(path, frame=frame)
-    edit.keyframe_new_interpolation_type = kept
     bpy.context.scene.frame_set(FRAME)
 
 
@@ -58,8 +55,13 @@ def test_what_moves_has_keys_and_the_frame_is_kept(blurred):
     assert keys_of(found) == {"Floor": 0, "Turning": 5, "Unblurred": 0}
     camera = found["camera"]
     assert len(camera["motion"]) == 3 and set(camera["shutter"]["curve"]) == {1.0}
-    assert camera["zoom"] == pytest.approx([56.25 / 55.0 * 1.0, 56.25 / 57.5], rel=1e-3)
     assert (blurred.frame_current, blurred.frame_subframe) == (FRAME, 0.25)
+    lenses = []
+    for part in (0.0, 0.25, 0.5):
+        blurred.frame_set(FRAME, subframe=part)
+        lenses.append(blurred.camera.data.lens)
+    opening, middle, closing = lenses
+    assert camera["zoom"] == pytest.approx([middle / opening, middle / closing], rel=1e-5)
 
 
 def test_orthographic_cameras_move_from_blender_5_2_on(blurred):
@@ -132,14 +134,13 @@ def test_a_plate_is_blurred_as_in_cycles(scene, position, tmp_path):
     scene.world = bpy.data.worlds.new("Black")
     scene.world.color = (0.0, 0.0, 0.0)
     scene.render.resolution_x, scene.render.resolution_y = 32, 16
-    settings = trace_settings(scene, lambda _: None) | {"samples": 256}
+    settings = trace_settings(scene, lambda _: None) | {"samples": 512}
     exported = load_scene(scene)
     relume.bake(exported, tmp_path / "bake", settings).wait()
     ours = relume.Relighter(tmp_path / "bake").relight(exported.lights(), denoise=False)["combined"]
-    cycles = render_cycles(scene, samples=256)[::-1]
-    # Both are stratified, but by no more than random numbers would they differ by half a per cent of a column.
-    assert np.abs(ours - cycles).mean(axis=(0, 2)).max() < 0.03
-    assert np.abs((ours - cycles).mean(axis=(0, 2))).max() < 0.01
+    cycles = render_cycles(scene, samples=512)[::-1]
+    # Of 16 pixels of a column 6 at most are covered for a part of the time: four standard errors of the difference.
+    assert np.abs((ours - cycles).mean(axis=(0, 2))).max() < 4.0 * np.sqrt(2.0 * 6 / 16 * 0.25 / (16 * 512))
     assert cycles.max() > 0.3
 
 

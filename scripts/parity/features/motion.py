@@ -102,13 +102,10 @@ def _add_speeding_ball(scene):
 
 
 def _animate(block, path, before, after):
-    """Values half a frame before and after the frame, evenly between them."""
-    settings = bpy.context.preferences.edit
-    kept, settings.keyframe_new_interpolation_type = settings.keyframe_new_interpolation_type, "LINEAR"
+    """Values half a frame before and after the frame."""
     for frame, value in ((FRAME - 0.5, before), (FRAME + 0.5, after)):
         setattr(block, path, value)
         block.keyframe_insert(path, frame=frame)
-    settings.keyframe_new_interpolation_type = kept
     bpy.context.scene.frame_set(FRAME)
 
 
