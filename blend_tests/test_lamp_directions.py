@@ -176,7 +176,7 @@ def test_a_sheared_area_with_a_texture_is_named(scene):
     parent.scale, lamp.parent = (1.0, 3.0, 1.0), parent
     update()
     read = exported(scene)
-    assert read["lights"] == [] and "sheared" in read["warnings"][0]
+    assert read["lights"] == [] and "shears" in read["warnings"][0]
 
 
 def test_a_sphere_is_looked_up_by_its_normal(scene, tmp_path):

@@ -186,11 +186,11 @@ class _TableTranslation(ConstantTranslation):
         self.in_world: bpy.types.Node | None = None
         """A node that reads directions of the world."""
 
-    def lamp(self, world_from_object: Matrix) -> dict[str, Any]:
+    def lamp(self, world_from_object: Any) -> dict[str, Any]:
         """JSON form of `relume_trace::shading::Lamp`. Raises VaryingNodeError."""
         kinds = {node["type"] for node in self.nodes}
         lamp = {
-            "kind": self._kind(),
+            "kind": self._kind(world_from_object),
             "key": self._key(),
             "resolution": FINE if kinds & {"image_texture", "procedural"} and self.in_world is None else COARSE,
         }
@@ -218,14 +218,14 @@ class _TableTranslation(ConstantTranslation):
             raise VaryingNodeError(self.reads[other])
         return key
 
-    def _kind(self) -> dict[str, Any]:
+    def _kind(self, world_from_object: Any) -> dict[str, Any]:
         """JSON form of `relume_trace::shading::LampKind`."""
         light = self.light
         match light.type:
             case "SPOT":
                 return {"type": "SPOT", "spot_size": light.spot_size}
             case "SUN":
-                return {"type": "SUN", "angle": light.angle}
+                return {"type": "SUN", "angle": light.angle, "scale": list(Matrix(world_from_object).to_scale())[:2]}
             case "AREA":
                 is_even = light.shape in {"SQUARE", "DISK"}
                 size = [light.size, light.size if is_even else light.size_y]

@@ -54,6 +54,8 @@ pub enum LampKind {
     Sun {
         /// Full angle of the disk, radians.
         angle: f32,
+        /// Lengths of its object's x and y axes, by which Cycles shrinks the picture on the disk.
+        scale: [f32; 2],
     },
 }
 
@@ -145,7 +147,7 @@ impl LampKind {
             Self::Spot { spot_size } if 0.5 * spot_size <= WIDEST_CONE => {
                 Some((0.5 * spot_size).tan().max(1e-4))
             }
-            Self::Sun { angle } if 0.5 * angle <= WIDEST_CONE => Some((0.5 * angle).tan().max(1e-4)),
+            Self::Sun { angle, .. } if 0.5 * angle <= WIDEST_CONE => Some((0.5 * angle).tan().max(1e-4)),
             _ => None,
         }
     }
@@ -163,11 +165,11 @@ impl LampKind {
             }
             // Of an area, the way back says nothing of the place.
             Self::Area { .. } => [0.5; 2],
-            Self::Sun { angle } => {
+            Self::Sun { angle, scale: [scale_x, scale_y] } => {
                 // The disk's radius is the sine of half of an angle over that of its edge (`kernel/light/sun.h`).
                 let cos_half = (0.5 - 0.5 * direction.z).max(0.0).sqrt();
-                let scale = -0.25 / ((0.25 * angle).sin() * cos_half);
-                [direction.x * scale + 0.5, direction.y * scale + 0.5]
+                let radius = -0.25 / ((0.25 * angle).sin() * cos_half);
+                [direction.x * radius / scale_x + 0.5, direction.y * radius / scale_y + 0.5]
             }
         }
     }
@@ -274,10 +276,10 @@ mod tests {
         let texel = |x: usize, y: usize| largest * relume_dump::decode_rgb9e5(map.texels[y * map.width + x]);
         assert!((texel(192, 192) - 2.0 * Vec3::new(0.75, 0.25, 0.0)).abs().max_element() < 0.02);
 
-        let sun = Lamp { kind: LampKind::Sun { angle: 0.4 }, ..SPOT };
+        let sun = Lamp { kind: LampKind::Sun { angle: 0.4, scale: [2.0, 1.0] }, ..SPOT };
         let map = map_of(nodes, &sun).0.unwrap();
         // Coordinates of the way to a sun, which stands at +z.
-        for (to_sun, uv) in [((0.2_f32.sin(), 0.0), [1.0, 0.5]), ((0.0, -0.1_f32.sin()), [0.5, 0.25])] {
+        for (to_sun, uv) in [((0.2_f32.sin(), 0.0), [0.75, 0.5]), ((0.0, -0.1_f32.sin()), [0.5, 0.25])] {
             let back = -Vec3::new(to_sun.0, to_sun.1, (1.0 - to_sun.0.powi(2) - to_sun.1.powi(2)).sqrt());
             let wanted = 2.0 * Vec3::new(uv[0], uv[1], 0.0);
             assert!((at(&map, back) - wanted).abs().max_element() < 0.02, "{to_sun:?}: {}", at(&map, back));
