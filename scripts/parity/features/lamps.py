@@ -62,6 +62,7 @@ def softboxes(scene):
     ies = tree.nodes.new("ShaderNodeTexIES")
     ies.ies = bpy.data.texts.new("Photometry")
     ies.ies.write(photometry(PLANES))
+    ies.inputs["Strength"].default_value = 0.004
     tree.links.new(ies.outputs[0], emission.inputs["Strength"])
     tree, emission = _lamp(scene, "SUN", (0.0, 0.0, 3.0), (0.6, 0.3, 0.0))
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
