@@ -265,8 +265,11 @@ fn map_factor(light: u32, piece: Segment, behind: f32) -> vec3f {
 // Likewise along a ray that may pass a smoothed light: by the way back in place of normals.
 fn map_factor_near(light: u32, origin: vec3f, edge: vec3f) -> vec3f {
     let to_center = length(lights[light].center - origin);
-    let from_surface = select(to_center, abs(to_center - lights[light].radius), is_ball(light));
-    return falloff(light, from_surface) * map_texels(light, origin, edge);
+    var distance = select(to_center, abs(to_center - lights[light].radius), is_ball(light));
+    if lights[light].kind == SUN {
+        distance = 1.0;
+    }
+    return falloff(light, distance) * map_texels(light, origin, edge);
 }
 
 // Factor by distance.
