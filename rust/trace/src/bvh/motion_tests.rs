@@ -135,7 +135,8 @@ fn rays_meet_at_each_time_what_a_scene_that_stands_still_there_has() {
                 let (found, expected) = (bvh.intersect(&ray), still.intersect(&ray));
                 let hit_of = |hit: Option<Hit>| hit.map(|hit| (hit.instance, hit.primitive));
                 let distances = [found, expected].map(|hit| hit.map_or(f32::INFINITY, |hit| hit.distance));
-                // At edges roundings decide.
+                // Where objects coincide, and at edges, roundings decide.
+                let is_tie = (distances[0] - distances[1]).abs() < 1e-5;
                 let is_same = hit_of(found) == hit_of(expected) && (distances[0] - distances[1]).abs() < 1e-3;
                 let mut is_edge = || {
                     (0..20).any(|_| {
@@ -144,7 +145,7 @@ fn rays_meet_at_each_time_what_a_scene_that_stands_still_there_has() {
                     })
                 };
                 assert!(
-                    is_same || distances == [f32::INFINITY; 2] || is_edge(),
+                    is_same || is_tie || distances == [f32::INFINITY; 2] || is_edge(),
                     "{time} {found:?} {expected:?}"
                 );
                 assert_eq!(found.is_some(), bvh.is_blocked(&ray));
