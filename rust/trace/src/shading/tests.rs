@@ -89,6 +89,8 @@ pub(super) fn principled() -> Node {
         emission_color: Input::Rgb([1.0; 3]),
         emission_strength: Input::Float(0.0),
         distribution: Distribution::MultiGgx,
+        film: None,
+        anisotropic_glass: false,
     }
 }
 
