@@ -33,22 +33,25 @@ def compare(cards, tmp_path):
     assert warnings == []
 
 
-def items_of(kind, prop):
-    return bpy.types.Node.bl_rna_get_subclass_py(kind).bl_rna.properties[prop].enum_items.keys()
+def operations_of(kind):
+    tree = bpy.data.node_groups.new("Probe", "ShaderNodeTree")
+    return tree.nodes.new(kind).bl_rna.properties["operation"].enum_items.keys()
 
 
 def test_whole_numbers_and_truth(scene, tmp_path):
     cards = Cards(scene)
-    for operation in items_of("FunctionNodeIntegerMath", "operation"):
+    for operation in operations_of("FunctionNodeIntegerMath"):
         tree, output = cards.add(operation)
         inputs = {"Value": ramp(tree), "Value_001": 2, "Value_002": 3}
         made = node(tree, "FunctionNodeIntegerMath", inputs, operation=operation)
         cards.show(tree, output, shown(tree, made.outputs[0]))
-    for operation in items_of("FunctionNodeBooleanMath", "operation"):
+    for operation in operations_of("FunctionNodeBooleanMath"):
         for second in (False, True):
             tree, output = cards.add(f"{operation} {second}")
-            inputs = {"Boolean": half(tree), "Boolean_001": second}
-            cards.show(tree, output, node(tree, "FunctionNodeBooleanMath", inputs, operation=operation).outputs[0])
+            inputs = {} if operation == "NOT" else {"Boolean_001": second}
+            made = node(tree, "FunctionNodeBooleanMath", inputs, operation=operation)
+            tree.links.new(half(tree), made.inputs[0])
+            cards.show(tree, output, made.outputs[0])
     compare(cards, tmp_path)
 
 

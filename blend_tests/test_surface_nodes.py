@@ -3,9 +3,10 @@
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 
 from cards import Cards, differences, node
-from helpers import add_quad
+from helpers import add_light, add_material, add_quad
 
 pytestmark = pytest.mark.every_version
 
@@ -39,7 +40,7 @@ def test_ambient_occlusion_is_the_share_of_open_rays(scene, tmp_path):
         ("coloured", {}, {"Color": (0.2, 0.5, 0.8, 1.0)}),
         ("local", {"only_local": True}, {"Distance": 0.5}),
         ("inside", {"inside": True}, {"Distance": 0.5}),
-        ("few", {"samples": 2}, {"Distance": 0.5}),
+        ("few", {"samples": 4}, {"Distance": 0.5}),
     ):
         tree, output = cards.add(name)
         add_wall(scene, name)
@@ -80,6 +81,8 @@ def test_tangents_follow_axes_and_uv_maps(scene, tmp_path, map_name):
         name = f"{kind} {axis}"
         tree, output = cards.add(name)
         mesh = scene.objects[name].data
+        for vertex in mesh.vertices:
+            vertex.co.z = 0.3 * vertex.co.x + 0.2 * vertex.co.y  # A flat mesh has no middle in its depth.
         second = mesh.uv_layers.new(name="Second")
         for index, loop in enumerate(second.data):
             loop.uv = np.array(mesh.uv_layers[0].data[index].uv) @ np.array([[0.6, 0.8], [-0.8, 0.6]])
@@ -150,11 +153,11 @@ def test_particles_tell_of_themselves(scene, tmp_path):
         emitter.show_instancer_for_render = False
         settings = emitter.modifiers.new("Particles", "PARTICLE_SYSTEM").particle_system.settings
         settings.count, settings.frame_start, settings.frame_end, settings.lifetime = 3, 0.0, 2.0, 30.0
-        settings.render_type, settings.instance_object, settings.particle_size = "OBJECT", card, 0.4
+        settings.render_type, settings.instance_object, settings.particle_size = "OBJECT", card, 0.12
         settings.effector_weights.gravity = 0.0
         settings.normal_factor, settings.size_random = 0.1, 0.5
     scene.frame_set(5)
-    compare(cards, tmp_path)
+    compare(cards, tmp_path, tolerance=0.06, samples=1024)
 
 
 def white_sky(scene):
@@ -182,6 +185,81 @@ def test_thin_films_shimmer(scene, tmp_path, kind):
     means, warnings = cards.means(tmp_path, samples=256)
     assert differences(means, tolerance=0.02) == {}
     assert warnings == []
+
+
+def glowing(name, color=(0.1, 0.4, 0.9, 1.0)):
+    material, tree, output = add_material(name)
+    tree.links.new(node(tree, "ShaderNodeEmission", {0: color}).outputs[0], output.inputs["Surface"])
+    return material
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="thin walls are new in Blender 5.2")
+def test_panes_reflect_and_let_through(scene, tmp_path):
+    """Panes under a white sky with a blue glow below, some of them askew."""
+    cards = Cards(scene, columns=6)
+    for roughness in (0.0, 0.3, 0.8):
+        for film in (0.0, 400.0):
+            for is_askew in (False, True):
+                name = f"{roughness} {film} {is_askew}"
+                tree, output = cards.add(name)
+                inputs = {"Roughness": roughness, "Transmission Weight": 1.0, "Thin Wall": True, "IOR": 1.8}
+                inputs |= {"Base Color": (0.9, 0.6, 0.4, 1.0), "Thin Film Thickness": film}
+                inputs["Specular Tint"] = (0.8, 1.0, 1.0, 1.0)
+                cards.show(tree, output, node(tree, "ShaderNodeBsdfPrincipled", inputs).outputs[0])
+                scene.objects[name].rotation_euler.x = 0.8 * is_askew
+    add_quad(scene, "below", size=60.0, material=glowing("below")).location.z = -2.0
+    white_sky(scene)
+    compare(cards, tmp_path, tolerance=0.02, samples=256)
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 3, 0), reason="glass is anisotropic from Blender 5.3 on")
+def test_glass_is_rough_along_its_tangent(scene, tmp_path):
+    """Glass above glowing bars, which it spreads along or across."""
+    cards = Cards(scene, columns=4)
+    kinds = {"ShaderNodeBsdfGlass": ("Anisotropy", "Rotation"), "ShaderNodeBsdfPrincipled": ("Anisotropic",) * 2}
+    for kind, (amount, rotation) in kinds.items():
+        for turned in (0.0, 0.25):
+            name = f"{kind} {turned}"
+            tree, output = cards.add(name)
+            inputs = {"Roughness": 0.5, amount: 0.8, "IOR": 1.3}
+            tangent = node(tree, "ShaderNodeCombineXYZ", {0: 1.0}).outputs[0]
+            made = node(tree, kind, inputs | {"Tangent": tangent})
+            made.inputs[rotation if "Glass" in kind else "Anisotropic Rotation"].default_value = turned
+            if "Principled" in kind:
+                made.inputs["Transmission Weight"].default_value = 1.0
+            cards.show(tree, output, made.outputs[0])
+            bar = add_quad(scene, f"below {name}", size=1.0, material=glowing(name))
+            bar.scale.y, bar.location = 0.2, scene.objects[name].location + Vector((0.0, 0.0, -0.4))
+    compare(cards, tmp_path, samples=1024)
+
+
+def test_portals_lead_elsewhere(scene, tmp_path):
+    """Cards that show a lit floor, a glow and the depth of portals far away."""
+    cards = Cards(scene)
+    for name, moved, direction in (("straight", 20.0, (0.0, 0.0, 0.0)), ("aslant", 20.0, (0.3, 0.1, -1.0))):
+        tree, output = cards.add(name)
+        place = node(tree, "ShaderNodeVectorMath", {1: (0.0, moved, 0.0)}, operation="ADD")
+        tree.links.new(tree.nodes.new("ShaderNodeNewGeometry").outputs["Position"], place.inputs[0])
+        inputs = {"Color": (0.9, 0.7, 0.5, 1.0), "Position": place.outputs[0], "Direction": direction}
+        cards.show(tree, output, node(tree, "ShaderNodeBsdfRayPortal", inputs).outputs[0])
+    tree, output = cards.add("half")
+    portal = node(tree, "ShaderNodeBsdfRayPortal", {"Position": (2.5, 20.5, 1.0)}).outputs[0]
+    white = tree.nodes.new("ShaderNodeEmission").outputs[0]
+    mix = node(tree, "ShaderNodeMixShader", {0: 0.4, 1: portal, 2: white})
+    cards.show(tree, output, mix.outputs[0])
+    tree, output = cards.add("in place")
+    cards.show(tree, output, node(tree, "ShaderNodeBsdfRayPortal", {"Color": (0.5, 0.8, 0.9, 1.0)}).outputs[0])
+    add_quad(scene, "below", size=6.0, material=glowing("below")).location = (3.0, 0.0, -3.0)
+    floor = add_quad(scene, "floor", size=12.0)
+    floor.location = (2.0, 20.0, -1.0)
+    add_light(scene, "POINT", "lamp", (1.0, 20.0, 1.0), energy=60.0)
+    if "Portal Depth" in bpy.data.node_groups.new("Probe", "ShaderNodeTree").nodes.new("ShaderNodeLightPath").outputs:
+        material, tree, output = add_material("depth")
+        depth = tree.nodes.new("ShaderNodeLightPath").outputs["Portal Depth"]
+        emission = node(tree, "ShaderNodeEmission", {0: (0.0, 0.3, 0.0, 1.0), 1: depth})
+        tree.links.new(emission.outputs[0], output.inputs["Surface"])
+        add_quad(scene, "depth", size=1.0, material=material).location = (0.5, 20.5, -0.9)
+    compare(cards, tmp_path, samples=512)
 
 
 @pytest.mark.skipif(bpy.app.version < (4, 3, 0), reason="textures by Gabor are new in Blender 4.3")

@@ -92,7 +92,7 @@ def _found(node: Any, output: str, context: Context) -> float:
     if output == "Count":
         return float(text.count(search)) if search else 0.0
     is_forward = _text(node, "Mode", context) == "From Start"
-    return float(text.find(search) if is_forward else text.rfind(search)) if search else 0.0
+    return float(max(0, text.find(search) if is_forward else text.rfind(search)))
 
 
 def _matches(node: Any, _output: str, context: Context) -> float:

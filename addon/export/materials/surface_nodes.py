@@ -111,8 +111,7 @@ def _wavelength(t: Translation, source: Source) -> Any:
     def description() -> dict[str, Any]:
         table = [[0.0, 0.0, 0.0, 1.0]]
         for matched in zip(X, Y, Z, strict=True):
-            color = Color(matched)
-            color.from_xyz_d65_to_scene_linear()
+            color = Color(matched).from_xyz_d65_to_scene_linear()
             table.append([*(channel / BRIGHTEST for channel in color), 1.0])
         table.append(table[0])
         ends = {"min": FIRST_NM - step, "max": LAST_NM + step}

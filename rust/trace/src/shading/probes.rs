@@ -149,7 +149,105 @@ fn cubic_quantile(u: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use glam::Affine3A;
+    use relume_scene::{Input, Instance, Material, Mesh, Node, Output, Scene, VectorMathOp};
+
     use super::*;
+    use crate::bsdf::Surface;
+    use crate::sampler::PixelSampler;
+    use crate::shading::{Hit, PreparedMaterials};
+
+    /// Meshes of squares 40 m wide, each by its middle and two half edges, that emit an output of a node. One is added to each
+    /// component, since nothing emits less than 0.
+    fn scene_of(meshes: &[&[[Vec3; 3]]], node: Node, output: Output) -> Scene {
+        let zero = Input::Float(0.0);
+        let (a, b) = (Input::Link { node: 0, output }, Input::Float(1.0));
+        let sum = Node::VectorMath { operation: VectorMathOp::Add, a, b, c: zero, scale: zero };
+        let color = Input::Link { node: 1, output: Output::Vector };
+        let nodes = vec![node, sum, Node::Emission { color, strength: Input::Float(1.0) }];
+        let mesh = |squares: &&[[Vec3; 3]]| Mesh {
+            positions: squares
+                .iter()
+                .flat_map(|[middle, a, b]| {
+                    [*middle - *a - *b, *middle + *a - *b, *middle + *a + *b, *middle - *a + *b]
+                })
+                .collect(),
+            triangles: (0..squares.len() as u32)
+                .flat_map(|square| {
+                    [[0, 1, 2], [0, 2, 3]].map(|corners| corners.map(|corner| 4 * square + corner))
+                })
+                .collect(),
+            ..Mesh::default()
+        };
+        Scene {
+            meshes: meshes.iter().map(mesh).collect(),
+            instances: (0..meshes.len()).map(|i| Instance::new("", i, Affine3A::IDENTITY, vec![0])).collect(),
+            materials: vec![Material { nodes, surface: Some(2), ..Material::default() }],
+            ..Scene::default()
+        }
+    }
+
+    /// Mean emission at a place of a triangle of the first mesh, over some samples.
+    fn shown(scene: &Scene, triangle: u32, barycentrics: [f32; 2], min_pdf: f32) -> Vec3 {
+        const SAMPLES: u32 = 64;
+        let (materials, _) = PreparedMaterials::new(scene);
+        let bvh = SceneBvh::new(scene).unwrap();
+        let hit = Hit::on(scene, [0, triangle], barycentrics, 1.0);
+        let [a, b, c] = scene.meshes[0].triangles[triangle as usize];
+        let [a, b, c] = [a, b, c].map(|vertex| scene.meshes[0].positions[vertex as usize]);
+        let [u, v] = barycentrics;
+        let place = a * (1.0 - u - v) + b * u + c * v;
+        let point = materials.surface_point(scene, &hit, place + Vec3::Z, Vec3::NEG_Z, 0.0);
+        let mut surface = Surface::default();
+        let mut sum = Vec3::ZERO;
+        for sample in 0..SAMPLES {
+            let draws = Draws::new(PixelSampler::new(0, 0, 0), sample, 0);
+            let probes = Probes { bvh: &bvh, point: &point, draws, min_pdf };
+            materials.evaluate_with(scene, &point, Some(&probes), &mut surface);
+            sum += surface.emission() - 1.0;
+        }
+        sum / SAMPLES as f32
+    }
+
+    const FLOOR: [Vec3; 3] = [Vec3::ZERO, Vec3::new(20.0, 0.0, 0.0), Vec3::new(0.0, 20.0, 0.0)];
+
+    #[test]
+    fn a_ceiling_takes_the_share_of_rays_that_reach_it() {
+        // At half of the distance, rays up to 60 degrees do: cosine-weighted, 1 - 1/4 of them.
+        let ceiling = [Vec3::Z * 0.5, FLOOR[1], FLOOR[2]];
+        for (only_local, together, expected) in [(false, false, 0.25), (true, true, 0.25), (true, false, 1.0)]
+        {
+            let apart: [&[_]; 2] = [&[FLOOR], &[ceiling]];
+            let both: [&[_]; 1] = [&[FLOOR, ceiling]];
+            let meshes: &[&[_]] = if together { &both } else { &apart };
+            let (color, distance) = (Input::Float(1.0), Input::Float(1.0));
+            let node = Node::AmbientOcclusion {
+                samples: 64,
+                inside: false,
+                only_local,
+                color,
+                distance,
+                normal: None,
+            };
+            let open = shown(&scene_of(meshes, node, Output::Factor), 1, [0.3, 0.3], f32::INFINITY).x;
+            assert!((open - expected).abs() < 0.01, "local {only_local}, one mesh {together}: {open}");
+        }
+    }
+
+    #[test]
+    fn edges_are_round_for_sharp_rays_and_faces_flat() {
+        let bevel = || Node::Bevel { samples: 64, radius: Input::Float(0.5), normal: None };
+        let flat = shown(&scene_of(&[&[FLOOR]], bevel(), Output::Normal), 1, [0.3, 0.3], f32::INFINITY);
+        assert!((flat - Vec3::Z).abs().max_element() < 1e-4, "{flat}");
+        // Beside an edge to a wall that faces -x there is as much of one face as of the other.
+        let half = [Vec3::new(20.0, 0.0, 0.0), FLOOR[1], FLOOR[2]];
+        let wall = [Vec3::new(0.0, 0.0, -20.0), Vec3::new(0.0, 0.0, 20.0), FLOOR[2]];
+        let scene = scene_of(&[&[half, wall]], bevel(), Output::Normal);
+        let beside = |min_pdf| shown(&scene, 1, [1e-5, 0.5], min_pdf);
+        let round = beside(f32::INFINITY);
+        assert!((round - Vec3::new(-1.0, 0.0, 1.0).normalize()).abs().max_element() < 0.05, "{round}");
+        assert!((beside(1.0) - Vec3::Z).abs().max_element() < 1e-6);
+    }
 
     #[test]
     fn quantiles_hold_their_share_of_the_kernel() {
