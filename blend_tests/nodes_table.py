@@ -43,7 +43,7 @@ NODES: dict[str, tuple[str, str]] = {
     "ShaderNodeLightIterInternalOutput": (NONE, OTHER_ENGINE),
     "ShaderNodeTexSky": (APPROXIMATED, "in worlds as Cycles renders it; in materials named, and a constant"),
     "ShaderNodeLightFalloff": (APPROXIMATED, "in lights only where it is the usual falloff; else the light is named"),
-    "ShaderNodeTexIES": (APPROXIMATED, "in points and spots; elsewhere named, and a constant"),
+    "ShaderNodeTexIES": (APPROXIMATED, "not in area lights and suns, which are named"),
     "ShaderNodeScript": (NOT, "named: scripts in Open Shading Language run in Cycles alone"),
     "GeometryNodeMenuSwitch": (EQUAL, ""),
     "FunctionNodeFormatString": (NOT, "named where a number comes of it, which is 0"),
@@ -63,7 +63,6 @@ OPTIONS: dict[tuple[str, str, str], tuple[str, str]] = {
     ("ShaderNodeNormalMap", "space", "BLENDER_OBJECT"): (APPROXIMATED, "Cycles is brighter where normals turn away"),
     ("ShaderNodeNormalMap", "space", "BLENDER_WORLD"): (APPROXIMATED, "Cycles is brighter where normals turn away"),
     ("ShaderNodeAttribute", "attribute_type", "INSTANCER"): (APPROXIMATED, "not what geometry nodes give instances"),
-    ("ShaderNodeMix", "data_type", "ROTATION"): (NOT, "named, and black"),
 }
 """Items of properties that differ from their node."""
 

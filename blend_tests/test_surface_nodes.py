@@ -121,6 +121,28 @@ def test_light_falls_off_with_the_length_of_rays(scene, tmp_path):
     compare(cards, tmp_path)
 
 
+def test_photometric_files_shine_in_materials(scene, tmp_path):
+    cards = Cards(scene)
+    lines = [
+        "IESNA:LM-63-2002",
+        "TILT=NONE",
+        "1 1000 1 5 1 1 2 0 0 0",
+        "1 1 100",
+        "0 30 60 90 180",
+        "0",
+        "900 500 300 50 10",
+    ]
+    text = bpy.data.texts.new("profile")
+    text.from_string("\n".join(lines) + "\n")
+    for name, direction in (("implied", None), ("given", (0.4, 0.2, -0.7))):
+        tree, output = cards.add(name)
+        inputs = {"Strength": 0.01} | ({} if direction is None else {"Vector": direction})
+        made = node(tree, "ShaderNodeTexIES", inputs, ies=text)
+        cards.show(tree, output, made.outputs[0])
+        scene.objects[name].rotation_euler.x = 0.5
+    compare(cards, tmp_path)
+
+
 def test_meshes_know_their_edges_and_islands(scene, tmp_path):
     cards = Cards(scene)
     for name in ("Pointiness", "Random Per Island"):

@@ -124,6 +124,33 @@ def _wavelength(t: Translation, source: Source) -> Any:
     return {"node": t.once(source, description), "output": "color"}
 
 
+def ies(t: Translation, source: Source) -> Any:
+    """The strength that a photometric file gives to directions."""
+    node = source.node
+
+    def description() -> dict[str, Any]:
+        border = "nearest" if bpy.app.version >= (5, 0, 0) else "zero"
+        return {
+            "type": "ies",
+            "profile": {"text": _ies_text(node), "border": border},
+            "strength": t.value(node, "Strength", source.context),
+            "vector": t.value(node, "Vector", source.context, None),
+        }
+
+    return {"node": t.once(source, description), "output": "value"}
+
+
+def _ies_text(node: bpy.types.Node) -> str:
+    """Text of a photometric file; empty if there is none."""
+    if node.mode == "INTERNAL":
+        return node.ies.as_string() if node.ies is not None else ""
+    try:
+        with open(bpy.path.abspath(node.filepath, library=node.id_data.library), "rb") as file:
+            return file.read().decode("utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
 def _light_falloff(t: Translation, source: Source) -> Any:
     """Strength by the length of the ray that meets the surface (Cycles' `svm_node_light_falloff`)."""
     node, context = source.node, source.context
@@ -155,4 +182,5 @@ SURFACE_VALUES: dict[str, TranslateValue] = {
     "ShaderNodeParticleInfo": _particle_info,
     "ShaderNodeWavelength": _wavelength,
     "ShaderNodeLightFalloff": _light_falloff,
+    "ShaderNodeTexIES": ies,
 }

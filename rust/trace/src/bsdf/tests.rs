@@ -80,6 +80,13 @@ fn models() -> Vec<(&'static str, Build)> {
         ("rough translucent", |wo| {
             Scatter::RoughTranslucent(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, MultipleScattering::Full, wo))
         }),
+        ("through a sheet", |_| {
+            let Scatter::Microfacet(model) = microfacet(Ggx, Reflection, (0.4, 0.4), 1.0, Fresnel::None)
+            else {
+                unreachable!()
+            };
+            Scatter::ThroughSheet(model)
+        }),
         ("sheen smooth", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.3, wo).unwrap().0)),
         ("sheen rough", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.9, wo).unwrap().0)),
         ("velvet", |_| Scatter::Velvet(Velvet::new(Vec3::Z, 0.5))),
