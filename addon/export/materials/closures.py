@@ -60,9 +60,9 @@ def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
     fields |= _film(t, node, context)
     if ANISOTROPIC_GLASS and fields["anisotropic"] != 0.0:
         fields["anisotropic_glass"] = True
-    if fields["transmission_weight"] != 0.0:
-        _warn_of_rough_refraction(t, node, context)
     thin_wall = t.value(node, "Thin Wall", context, 0.0)
+    if fields["transmission_weight"] != 0.0 and thin_wall == 0.0:
+        _warn_of_rough_refraction(t, node, context)
     if thin_wall != 0.0 and (fields["subsurface_weight"] != 0.0 or fields["transmission_weight"] != 0.0):
         fields["thin_wall"] = thin_wall
     if t.value(node, "Transmission Dispersion Scale", context, 0.0) != 0.0 and fields["transmission_weight"] != 0.0:

@@ -128,7 +128,7 @@ impl Film {
             factor *= both.map(f32::sqrt);
             let (cosines, sines) = self.sensitivity(order as f32 * difference);
             let seen = cosines * Vec3::from_array(turned.map(|[re, _]| re))
-                + sines * Vec3::from_array(turned.map(|[_, im]| im));
+                - sines * Vec3::from_array(turned.map(|[_, im]| im));
             reflected += 2.0 * factor * seen;
             for (turned, [re, im]) in turned.iter_mut().zip(phases) {
                 *turned = [turned[0] * re - turned[1] * im, turned[0] * im + turned[1] * re];
