@@ -43,13 +43,12 @@ NODES: dict[str, tuple[str, str]] = {
     "ShaderNodeLightIterInternalOutput": (NONE, OTHER_ENGINE),
     "ShaderNodeTexSky": (APPROXIMATED, "in worlds as Cycles renders it; in materials named, and a constant"),
     "ShaderNodeLightFalloff": (APPROXIMATED, "in lights only where it is the usual falloff; else the light is named"),
-    "ShaderNodeTexIES": (APPROXIMATED, "not in area lights and suns, which are named"),
     "ShaderNodeScript": (NOT, "named: scripts in Open Shading Language run in Cycles alone"),
     "GeometryNodeMenuSwitch": (EQUAL, ""),
     "FunctionNodeFormatString": (NOT, "named where a number comes of it, which is 0"),
     "NodeJoinBundle": (APPROXIMATED, "of bundles that are combined right before"),
     **dict.fromkeys(
-        (*("ShaderNodeTexPointDensity", "ShaderNodeRadialTiling", "ShaderNodeRaycast"),),
+        ("ShaderNodeTexPointDensity", "ShaderNodeRadialTiling", "ShaderNodeRaycast"),
         (NOT, NO_INPUT),
     ),
 }
