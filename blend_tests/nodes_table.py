@@ -42,7 +42,7 @@ NODES: dict[str, tuple[str, str]] = {
     "ShaderNodeLightIterInternalInput": (NONE, OTHER_ENGINE),
     "ShaderNodeLightIterInternalOutput": (NONE, OTHER_ENGINE),
     "ShaderNodeTexSky": (APPROXIMATED, "in worlds as Cycles renders it; in materials named, and a constant"),
-    "ShaderNodeLightFalloff": (APPROXIMATED, "in lights only where it is the usual falloff; else the light is named"),
+    "ShaderNodeLightFalloff": (APPROXIMATED, "in lights where it is a factor on all of the light; else named"),
     "ShaderNodeScript": (NOT, "named: scripts in Open Shading Language run in Cycles alone"),
     "GeometryNodeMenuSwitch": (EQUAL, ""),
     "FunctionNodeFormatString": (NOT, "named where a number comes of it, which is 0"),
