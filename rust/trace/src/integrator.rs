@@ -2,6 +2,7 @@
 
 mod collision;
 mod features;
+mod probes;
 mod shadow_path;
 mod travel;
 
@@ -268,7 +269,8 @@ impl Integrator<'_> {
     ) -> bool {
         scratch.surface.show(if walk.path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
         scratch.surface.set_after_diffuse(walk.path.was_diffuse);
-        self.materials.evaluate(self.scene, point, &mut scratch.surface);
+        let probes = self.probes(&walk.path, point, draws);
+        self.materials.evaluate_with(self.scene, point, probes.as_ref(), &mut scratch.surface);
         self.collect_emission(&walk.path, point, walk.last, &scratch.surface, features);
         let u = draws.at(0);
         let survival = walk.path.survival(&self.settings.bounces);
@@ -346,6 +348,11 @@ impl Integrator<'_> {
             features.record_surface(surface);
             return false;
         };
+        if let Some(position) = sample.portal {
+            features.attenuate(sample.weight);
+            self.jump(walk, point, &sample, position, sink);
+            return true;
+        }
         if sample.transparent {
             features.attenuate(sample.weight);
             path.pass_through(sample.weight, limits);

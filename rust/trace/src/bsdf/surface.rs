@@ -35,6 +35,8 @@ pub struct BsdfSample {
     pub singular: bool,
     /// True if the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
     pub transparent: bool,
+    /// Place in which the path goes on, if not at the surface; counts as a transparent bounce.
+    pub portal: Option<Vec3>,
     /// True if `wi` is between the true and the shading surface: the ray then only lights the surface, see
     /// [`SampleReach::Lights`].
     pub lights_only: bool,
@@ -64,6 +66,7 @@ impl Caustics {
     fn filter(self, mut scatter: Scatter) -> Option<Scatter> {
         let is_seen = match &mut scatter {
             Scatter::AshikhminShirley(_) => self.reflective,
+            Scatter::ThroughSheet(_) => self.refractive,
             Scatter::Toon(model) if model.is_glossy => self.reflective,
             Scatter::Microfacet(facets) => match facets.interface {
                 Interface::Reflection => self.reflective,
@@ -291,6 +294,7 @@ impl Surface {
             diffuse: closure.is_diffuse(),
             singular: choice.singular,
             transparent: matches!(closure.scatter, Scatter::Transparent),
+            portal: closure.portal().map(|portal| portal.position),
             lights_only: choice.reach == SampleReach::Lights,
             unlit: choice.reach == SampleReach::Unlit,
         })
@@ -339,6 +343,7 @@ impl Surface {
             diffuse: closure.is_diffuse(),
             singular: false,
             transparent: false,
+            portal: None,
             lights_only: reach == SampleReach::Lights,
             unlit: false,
         })

@@ -56,7 +56,8 @@ impl PreparedMaterials {
             time: STILL,
             ray: RayInfo::default(),
         };
-        let context = ShadingContext { prepared: self, scene, graph, point: &point, assumed: &[] };
+        let context =
+            ShadingContext { prepared: self, scene, graph, point: &point, assumed: &[], probes: None };
         values.resize(graph.nodes.len(), Vec4::ZERO);
         context.run(&offset.needs, values, &mut []);
         let moved = Known { context: &context, values }.vector(&offset.input);
