@@ -198,6 +198,7 @@ CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeBsdfTranslucent": _simple("translucent", COLOR, NORMAL),
     "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),
     "ShaderNodeSubsurfaceScattering": _subsurface,
+    "ShaderNodeHoldout": _simple("holdout"),
     "ShaderNodeEmission": EMISSION,
     "ShaderNodeBackground": EMISSION,
     "ShaderNodeMixShader": MIX,
@@ -211,5 +212,4 @@ CLOSURES: dict[str, TranslateClosure] = {
 
 FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
     "ShaderNodeBsdfRayPortal": ("black", _nothing),
-    "ShaderNodeHoldout": ("black", _nothing),
 }

@@ -11,7 +11,7 @@ pub struct BlenderCamera {
     pub name: String,
     /// Rows of the object's world matrix; its scale is ignored.
     pub world_from_object: [[f32; 4]; 4],
-    /// `Camera.type`; panoramas are not known.
+    /// `Camera.type` and `panorama_type`, with the settings of that.
     pub projection: Projection,
     /// Film size in pixels, after resolution percentage: width, height.
     pub resolution: [usize; 2],
@@ -105,10 +105,13 @@ impl BlenderCamera {
             SensorFit::Vertical => false,
         };
         let sensor = if self.sensor_fit == SensorFit::Vertical { self.sensor[1] } else { self.sensor[0] };
+        if let Projection::Panoramic(_) = self.projection {
+            return (Vec2::ZERO, Vec2::ONE);
+        }
         // Half of the fitted edge; the other edge follows the aspect ratio.
         let half_fit = match self.projection {
-            Projection::Perspective => 0.5 * sensor / self.lens,
             Projection::Orthographic => 0.5 * self.ortho_scale,
+            _ => 0.5 * sensor / self.lens,
         };
         let half = match horizontal {
             true => Vec2::new(half_fit, half_fit * aspect.y / aspect.x),
@@ -121,8 +124,8 @@ impl BlenderCamera {
     fn lens_of(&self, dof: BlenderDepthOfField) -> DepthOfField {
         let fstop = dof.fstop.max(1e-5);
         let diameter = match self.projection {
-            Projection::Perspective => self.lens * 1e-3 / fstop,
             Projection::Orthographic => 1.0 / fstop,
+            _ => self.lens * 1e-3 / fstop,
         };
         DepthOfField {
             aperture_radius: 0.5 * diameter,
@@ -156,6 +159,11 @@ impl BlenderCamera {
         }
         if !(0.0 <= self.clip_start && self.clip_start < self.clip_end) {
             return Err(self.error("clip start must lie below clip end"));
+        }
+        if let Projection::Panoramic(panorama) = &self.projection
+            && !panorama.is_sound()
+        {
+            return Err(self.error("its panorama needs an angle of view, a lens and a sensor above zero"));
         }
         if let Some(dof) = self.depth_of_field
             && !(dof.focus_distance > 0.0 && dof.ratio > 0.0 && dof.fstop > 0.0 && dof.rotation.is_finite())
@@ -235,6 +243,10 @@ mod tests {
             BlenderCamera { resolution: [0, 5], ..camera() },
             BlenderCamera { clip_start: f32::NAN, ..camera() },
             BlenderCamera { clip_end: 0.05, ..camera() },
+            BlenderCamera {
+                projection: Projection::Panoramic(crate::Panorama::FisheyeEquidistant { fov: 0.0 }),
+                ..camera()
+            },
             BlenderCamera { world_from_object: [[0.0; 4]; 4], ..camera() },
         ] {
             assert!(broken.to_camera().unwrap_err().to_string().contains("'Cam'"));

@@ -119,6 +119,7 @@ fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known,
             subsurface::add(&body, color * weight, color, &boundary, point, surface);
         }
         Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
+        Node::Holdout => surface.add_holdout(weight),
         Node::Emission { color, strength } => {
             surface.add_emission(known.vector(color) * (known.float(strength) * weight));
         }
