@@ -155,7 +155,7 @@ TABLE = {
         NOISE: "sampling_method sample_map_resolution",
         MARCHING: "homogeneous_volume volume_*",
     },
-    "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission", NOISE: "shadow", NAMED: "scatter"},
+    "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission scatter", NOISE: "shadow"},
     "WorldLighting": {FAST_GI: "ao_factor distance"},
     "Material": {
         READ: "node_tree use_nodes diffuse_color pass_index cycles use_transparent_shadow displacement_method",
@@ -173,11 +173,10 @@ TABLE = {
         MARCHING: "homogeneous_volume volume_*",
     },
     "Camera": {
-        READ: "sensor_fit clip_* lens sensor_width sensor_height ortho_scale shift_* dof",
-        REFUSED: "type",
+        READ: "sensor_fit clip_* lens sensor_width sensor_height ortho_scale shift_* dof type panorama_type fisheye_* "
+        "latitude_* longitude_* central_cylindrical_*",
         SAME: "angle angle_x angle_y lens_unit",
-        "of panoramic and other cameras, which are refused": "panorama_type fisheye_* latitude_* longitude_* "
-        "central_cylindrical_* custom_* cycles_custom stereo",
+        "of custom and stereo cameras, which are refused": "custom_* cycles_custom stereo",
         VIEWS: "passepartout_alpha display_size show_* background_images composition_guide_color",
         BY_DEPSGRAPH: "animation_data",
     },

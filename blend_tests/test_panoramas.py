@@ -38,7 +38,8 @@ def room(scene):
     place = node(tree, "ShaderNodeTexCoord").outputs["Object"]
     color = node(tree, "ShaderNodeVectorMath", {0: place, 1: (0.25, 0.25, 0.25)}, operation="ADD").outputs[0]
     scaled = node(tree, "ShaderNodeVectorMath", {0: color, 1: (0.4, 0.3, 0.5)}, operation="MULTIPLY").outputs[0]
-    glow = node(tree, "ShaderNodeEmission", {"Color": node(tree, "ShaderNodeVectorMath", {0: scaled}, operation="ABSOLUTE").outputs[0]})
+    shown = node(tree, "ShaderNodeVectorMath", {0: scaled}, operation="ABSOLUTE").outputs[0]
+    glow = node(tree, "ShaderNodeEmission", {"Color": shown})
     tree.links.new(glow.outputs[0], output.inputs["Surface"])
     corners = [(x, y, z) for x in (-2, 2) for y in (-3, 3) for z in (-1.5, 2.5)]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -63,8 +64,8 @@ def both(scene, folder):
     assert loaded.warnings == []
     relume.bake(loaded, folder, trace_settings(scene, lambda _: None) | {"samples": SAMPLES}).wait()
     picture = relume.Relighter(folder).relight(loaded.lights(), denoise=False)
-    ours = np.concatenate([picture["combined"], picture["alpha"]], axis=-1)[::-1]
-    return ours, render_cycles(scene, SAMPLES, channels=4)
+    ours = np.concatenate([picture["combined"], picture["alpha"]], axis=-1)
+    return ours, render_cycles(scene, SAMPLES, channels=4)[::-1]
 
 
 @pytest.mark.parametrize("kind", PANORAMAS)

@@ -91,14 +91,12 @@ def _equirectangular(data: bpy.types.Camera) -> dict[str, Any]:
 
 
 def _equisolid(data: bpy.types.Camera) -> dict[str, Any]:
-    sensor = [data.sensor_width, data.sensor_height]
-    return {"fisheye_equisolid": {"lens": data.fisheye_lens, "fov": data.fisheye_fov, "sensor": sensor}}
+    return {"fisheye_equisolid": {"lens": data.fisheye_lens, "fov": data.fisheye_fov}}
 
 
 def _polynomial(data: bpy.types.Camera) -> dict[str, Any]:
     coefficients = [getattr(data, f"fisheye_polynomial_k{power}") for power in range(5)]
-    sensor = [data.sensor_width, data.sensor_height]
-    return {"fisheye_lens_polynomial": {"coefficients": coefficients, "fov": data.fisheye_fov, "sensor": sensor}}
+    return {"fisheye_lens_polynomial": {"coefficients": coefficients, "fov": data.fisheye_fov}}
 
 
 def _cylindrical(data: bpy.types.Camera) -> dict[str, Any]:

@@ -134,7 +134,7 @@ class _WorldExporter:
             self._warn("depth, length and sharpness of rays (Light Path) are those after one bounce")
         if len(set(bounced)) > 1 and any(light.texture is not None for light in bounced):
             self._warn(
-                "of what depends on Light Path, dull surfaces see what paths find; Cycles' light samples see no kind of ray"
+                "of what depends on Light Path, dull surfaces see what paths find; Cycles' light samples have no kind"
             )
 
     def _seen(self) -> Seen:

@@ -1,7 +1,7 @@
 """Nodes of a world as plain data, from which another Blender builds the same world.
 
-It is a flat list, without groups, reroutes and muted nodes, with the values of the evaluated file. Light paths are those
-of one kind of ray, after one bounce or from the camera."""
+It is a flat list, without groups, reroutes and muted nodes, with the values of the evaluated file. Light paths are
+those of one kind of ray, after one bounce or from the camera."""
 
 from __future__ import annotations
 

@@ -58,7 +58,9 @@ def masks(scene_uid: int, subjects: list[MaskSubject], aspect: float) -> Iterato
                 f"Objects are looked for while scene '{scene.name}' is shown: go back to it and solve again"
             )
         if scene.camera.data.type not in PLANAR:
-            raise SolveError("Objects cannot be looked for in panoramas: paint the region, or use a picture as its mask")
+            raise SolveError(
+                "Objects cannot be looked for in panoramas: paint the region, or use a picture as its mask"
+            )
         unseen = unseen or _Unseen(scene)
         cast = _Caster(scene, unseen)
         while place < end and time.perf_counter() < deadline:

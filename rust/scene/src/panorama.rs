@@ -34,7 +34,8 @@ pub enum Panorama {
         lens: f32,
         /// Angle of view, radians.
         fov: f32,
-        /// Width and height of the sensor, millimetres.
+        /// Width and height of the film, millimetres; a Blender camera's follow from its sensor ([`Panorama::on_sensor`]).
+        #[serde(default)]
         sensor: [f32; 2],
     },
     /// Negative angle as a polynomial of the distance from the middle in millimetres.
@@ -43,7 +44,8 @@ pub enum Panorama {
         coefficients: [f32; 5],
         /// Angle of view, radians.
         fov: f32,
-        /// Width and height of the sensor, millimetres.
+        /// Width and height of the film, millimetres, as above.
+        #[serde(default)]
         sensor: [f32; 2],
     },
     /// A cylinder around the camera, onto which it projects from its centre.
@@ -142,6 +144,19 @@ impl Panorama {
                 share(longitude, -d.y.atan2(d.x)),
                 share(height, d.z / Vec2::new(d.x, d.y).length()),
             ),
+        }
+    }
+
+    /// The same panorama on a film of this width and height in millimetres.
+    pub fn on_sensor(self, film: Vec2) -> Self {
+        match self {
+            Self::FisheyeEquisolid { lens, fov, .. } => {
+                Self::FisheyeEquisolid { lens, fov, sensor: film.to_array() }
+            }
+            Self::FisheyeLensPolynomial { coefficients, fov, .. } => {
+                Self::FisheyeLensPolynomial { coefficients, fov, sensor: film.to_array() }
+            }
+            other => other,
         }
     }
 

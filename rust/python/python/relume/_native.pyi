@@ -184,8 +184,8 @@ class SceneBuilder:
         receiver: int = 0,
     ) -> None:
         """Background radiance, or factor on an equirectangular texture. `parts` have the kinds of rays that see them in
-        its place (camera, diffuse, glossy, transmitted, scattered in media), colour, texture and matrix. `volume` is a material whose volume fills all
-        space, as an object of a receiver number."""
+        its place (camera, diffuse, glossy, transmitted, scattered in media), colour, texture and matrix. `volume` is a
+        material whose volume fills all space, as an object of a receiver number."""
 
     def add_light(self, json: str) -> None:
         """A Blender light in the JSON form of `relume_scene::BlenderLight`."""

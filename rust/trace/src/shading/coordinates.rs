@@ -50,7 +50,10 @@ fn window(context: &ShadingContext) -> Vec3 {
     let film = match camera.projection {
         Projection::Perspective => position.truncate() / -position.z,
         Projection::Orthographic => position.truncate(),
-        Projection::Panoramic(panorama) => panorama.film(position.normalize_or_zero()),
+        // Cycles leaves the shift of panoramas out.
+        Projection::Panoramic(panorama) => {
+            return panorama.film(position.normalize_or_zero()).extend(0.0);
+        }
     };
     let size: Vec2 = camera.window_max - camera.window_min;
     ((film - camera.window_min) / size).extend(0.0)
