@@ -40,7 +40,7 @@ NODES: dict[str, tuple[str, str]] = {
     "ShaderNodeBevel": (NOT, "named, and the normal as it is"),
     "ShaderNodeTexSky": (APPROXIMATED, "in worlds as Cycles renders it; in materials named, and a constant"),
     "ShaderNodeLightFalloff": (APPROXIMATED, "in lights where it is the usual falloff; else the light is named"),
-    "ShaderNodeTexIES": (APPROXIMATED, "in points and spots; elsewhere named, and a constant"),
+    "ShaderNodeTexIES": (APPROXIMATED, "in lights; in materials named, and a constant"),
     "ShaderNodeScript": (NOT, "named: scripts in Open Shading Language run in Cycles alone"),
     "GeometryNodeMenuSwitch": (EQUAL, ""),
     **dict.fromkeys(

@@ -1,4 +1,4 @@
-"""Points and spots whose nodes make them differ by direction shine as in Cycles."""
+"""Lamps whose nodes make them differ by direction or place shine as in Cycles."""
 
 import bpy
 import numpy as np
@@ -91,7 +91,8 @@ def lit_by(scene, kind, build, **settings):
     tree.links.new(node(tree, "ShaderNodeBsdfDiffuse", {"Color": (1, 1, 1, 1)}).outputs[0], output.inputs["Surface"])
     add_quad(scene, size=6.0, material=material)
     blend = {"spot_size": 1.6, "spot_blend": 0.4} if kind == "SPOT" else {}
-    lamp = add_light(scene, kind, location=(0.1, -0.2, 1.0), shadow_soft_size=0.1, energy=50.0, **blend, **settings)
+    size = {"shadow_soft_size": 0.1} if kind in {"POINT", "SPOT"} else {}
+    lamp = add_light(scene, kind, location=(0.1, -0.2, 1.0), energy=50.0, **blend, **size, **settings)
     lamp.rotation_euler, lamp.scale = (0.3, -0.2, 0.7), (1.3, 1.3, 1.3)
     if bpy.app.version < (5, 2, 0):
         lamp.data.use_nodes = True
@@ -136,6 +137,46 @@ def test_lamps_shine_by_direction_as_in_cycles(scene, tmp_path, name):
     # Noise of a block of paths is some 2 %.
     error = np.abs(ours - cycles)
     assert error.mean() <= 0.02 * cycles.mean() and error.max() <= 0.08 * cycles.max(), error.max() / cycles.max()
+
+
+LARGE = {
+    "picture on an area": ("AREA", picture),
+    "ies of an area": ("AREA", ies(photometry(horizontal=EVERYWHERE))),
+    "voronoi on an ellipse": ("ELLIPSE", colored("ShaderNodeTexVoronoi", "Color", "UV", Scale=3.0)),
+    "places on a square": ("SQUARE", colored("ShaderNodeTexVoronoi", "Color", "Object", Scale=3.0)),
+    "picture of a sun": ("SUN", picture),
+    "normals of a sun": ("SUN", colored("ShaderNodeTexVoronoi", "Color", Scale=9.0)),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_areas_and_suns_shine_as_in_cycles(scene, tmp_path, name):
+    shape, build = LARGE[name]
+    lamp = lit_by(scene, "SUN" if shape == "SUN" else "AREA", build)
+    if shape == "SUN":
+        lamp.data.angle, lamp.data.energy = 0.8, 3.0
+    else:
+        lamp.data.shape = "RECTANGLE" if shape == "AREA" else shape
+        lamp.data.size, lamp.data.size_y = 0.8, 0.5
+    # The edge of its shadow tells which side of the light is which.
+    add_quad(scene, size=0.5, material=bpy.data.materials["White"]).location = (0.0, 0.0, 0.5)
+    update()
+    if name == "places on a square" and bpy.app.version < (4, 5, 0):
+        assert "light 'Lamp': its node 'Texture Coordinate'" in exported(scene)["warnings"][0]
+        return
+    ours, cycles, warnings = pictures(scene, tmp_path / "bake")
+    error = np.abs(ours - cycles)
+    assert warnings == [] and error.mean() <= 0.02 * cycles.mean() and error.max() <= 0.08 * cycles.max()
+
+
+def test_a_sheared_area_with_a_texture_is_named(scene):
+    lamp = lit_by(scene, "AREA", picture)
+    parent = bpy.data.objects.new("Parent", None)
+    scene.collection.objects.link(parent)
+    parent.scale, lamp.parent = (1.0, 3.0, 1.0), parent
+    update()
+    read = exported(scene)
+    assert read["lights"] == [] and "shears" in read["warnings"][0]
 
 
 def test_a_sphere_is_looked_up_by_its_normal(scene, tmp_path):

@@ -1,4 +1,4 @@
-"""Emission of lamps by their node trees: a colour where it is the same everywhere, else a table by direction."""
+"""Emission of lamps by their node trees: one colour, or a table by direction or place."""
 
 from __future__ import annotations
 
@@ -26,12 +26,14 @@ LIGHT_PATH = dict.fromkeys(
     0.0,
 )
 """Outputs of the Light Path node that are the same for all rays that meet a lamp."""
-BY_DIRECTION = PURE_NODES | TEXTURES.keys() | {"ShaderNodeMapping", "ShaderNodeTexImage"}
-"""Nodes whose value has a place in a table by direction if their inputs have."""
+TABULATED = PURE_NODES | TEXTURES.keys() | {"ShaderNodeMapping", "ShaderNodeTexImage"}
+"""Nodes whose value has a place in a table if their inputs have."""
 COORDINATES = {"Normal": "normal", "UV": "uv"}
 """Outputs of Texture Coordinate that do not depend on where a lamp is met."""
 DIRECTIONS = {"Normal": "normal", "True Normal": "normal", "Incoming": "incoming"}
 """Outputs of Geometry likewise, in world space."""
+PLACES = {"Object", "Generated"} if bpy.app.version >= (4, 5, 0) else set()
+"""Outputs of Texture Coordinate that are places in the space of a lamp: since lamps are objects in Cycles."""
 FINE, COARSE = 512, 256
 """Texels along the edges of a table: of textures, and of all else and what is made anew when a lamp turns."""
 MOST_TABLES = 32
@@ -68,12 +70,10 @@ class LampShaders:
         try:
             constant = ConstantTranslation(self.constant_emission, LIGHT_PATH.get, is_sun).emission(*surface)
         except VaryingNodeError:
-            if obj.data.type not in {"POINT", "SPOT"}:
-                raise
-            return self._by_direction(obj, surface, world_from_object, warn)
+            return self._varying(obj, surface, world_from_object, warn)
         return None if constant is None else Emission(constant)
 
-    def _by_direction(
+    def _varying(
         self,
         obj: bpy.types.Object,
         surface: tuple[bpy.types.NodeSocket, Context],
@@ -81,7 +81,7 @@ class LampShaders:
         warn: Callable[[str], None],
     ) -> Emission | None:
         images = _NamedImages(self.frame)
-        shader = _DirectionTranslation(self.constant_emission, images, obj)
+        shader = _TableTranslation(self.constant_emission, images, obj)
         root = shader.shader(*surface)
         if root is None:
             return None
@@ -173,8 +173,8 @@ def _stamp(image: bpy.types.Image | None, settings: bpy.types.ImageUser | None, 
     return [shown, path, changed, packed, made, pixels]
 
 
-class _DirectionTranslation(ConstantTranslation):
-    """The graph of a point or spot, in which what has no place in a table by direction stands for itself."""
+class _TableTranslation(ConstantTranslation):
+    """The graph of a lamp, in which what has no place in a table by direction or place stands for itself."""
 
     def __init__(self, compute: ConstantEmission, images: _NamedImages, obj: bpy.types.Object):
         super().__init__(compute, LIGHT_PATH.get)
@@ -182,29 +182,56 @@ class _DirectionTranslation(ConstantTranslation):
         self.owner = f"light '{obj.name}'"
         self.light = obj.data
         self.reads: dict[str, bpy.types.Node] = {}
-        """Directions that the graph reads, each with a node that does."""
+        """Directions and places that the graph reads, each with a node that does."""
         self.in_world: bpy.types.Node | None = None
         """A node that reads directions of the world."""
 
-    def lamp(self, world_from_object: Matrix) -> dict[str, Any]:
+    def lamp(self, world_from_object: Any) -> dict[str, Any]:
         """JSON form of `relume_trace::shading::Lamp`. Raises VaryingNodeError."""
-        light, is_spot = self.light, self.light.type == "SPOT"
-        is_sphere = not light.use_soft_falloff and light.shadow_soft_size > 0.0
-        of_surface = {"normal"} if is_spot else {"normal", "uv"}
-        by_normal = is_sphere and not of_surface.isdisjoint(self.reads)
-        others = self.reads.keys() - of_surface
-        if by_normal and others:
-            raise VaryingNodeError(self.reads[next(iter(others))])
-        kind = {"type": "SPOT", "spot_size": light.spot_size} if is_spot else {"type": "POINT"}
         kinds = {node["type"] for node in self.nodes}
         lamp = {
-            "kind": kind,
-            "by_normal": by_normal,
+            "kind": self._kind(world_from_object),
+            "key": self._key(),
             "resolution": FINE if kinds & {"image_texture", "procedural"} and self.in_world is None else COARSE,
         }
         if self.in_world is not None or not _is_turned_only(world_from_object):
             lamp["world_from_object"] = [list(row[:3]) for row in world_from_object[:3]]
         return lamp
+
+    def _key(self) -> str:
+        """Quantity that the table is looked up by. Raises VaryingNodeError if the graph reads another one, too."""
+        light = self.light
+        is_sphere = light.type in {"POINT", "SPOT"} and not light.use_soft_falloff and light.shadow_soft_size > 0.0
+        match light.type:
+            case "AREA":
+                key, told = "place", {"uv", "object"}
+            case "POINT" if is_sphere:
+                key, told = "normal", {"normal", "uv"}
+            case "SPOT" if is_sphere:
+                key, told = "normal", {"normal"}
+            case _:
+                return "way_back"
+        if told.isdisjoint(self.reads):
+            return "way_back"
+        # The normal of an area is the same everywhere.
+        for other in self.reads.keys() - told - {"normal"}:
+            raise VaryingNodeError(self.reads[other])
+        return key
+
+    def _kind(self, world_from_object: Any) -> dict[str, Any]:
+        """JSON form of `relume_trace::shading::LampKind`."""
+        light = self.light
+        match light.type:
+            case "SPOT":
+                return {"type": "SPOT", "spot_size": light.spot_size}
+            case "SUN":
+                return {"type": "SUN", "angle": light.angle, "scale": list(Matrix(world_from_object).to_scale())[:2]}
+            case "AREA":
+                is_even = light.shape in {"SQUARE", "DISK"}
+                size = [light.size, light.size if is_even else light.size_y]
+                # Resizing makes no other table where places in metres do not matter.
+                return {"type": "AREA", "size": size if "object" in self.reads else [1.0, 1.0]}
+        return {"type": "POINT"}
 
     def emit(self, node: dict[str, Any]) -> int:
         """Appends a node and returns its number; notes what it reads by itself."""
@@ -213,12 +240,21 @@ class _DirectionTranslation(ConstantTranslation):
         if node["type"] == "uv_map":
             self._read("uv")
         is_placed = node["type"] == "procedural" and node["vector"] is None and node.get("dimensions") != "1D"
-        if is_placed or (node["type"] == "texture_coordinate" and node["kind"] not in {"normal", "uv"}):
+        if is_placed:
+            node = {**node, "vector": self._place()}
+        elif node["type"] == "texture_coordinate" and node["kind"] not in {"normal", "uv"}:
             raise VaryingNodeError(self._present[-1])
         return super().emit(node)
 
-    def _read(self, direction: str) -> None:
-        self.reads.setdefault(direction, self._present[-1])
+    def _place(self) -> dict[str, Any]:
+        """Place on an area light in its space. Raises VaryingNodeError."""
+        if self.light.type != "AREA" or not PLACES:
+            raise VaryingNodeError(self._present[-1])
+        self._read("object")
+        return {"node": super().emit({"type": "texture_coordinate", "kind": "object"}), "output": "vector"}
+
+    def _read(self, quantity: str) -> None:
+        self.reads.setdefault(quantity, self._present[-1])
 
     def _computed(self, surface: int) -> list[float]:
         color, _ = self.compute(json.dumps({"name": "", "nodes": self.nodes, "surface": surface}))
@@ -233,16 +269,18 @@ class _DirectionTranslation(ConstantTranslation):
 
     def _output(self, source: Source) -> Any:
         self._present.append(source.node)
-        value = self._direction(source)
+        value = self._tabulated(source)
         self._present.pop()
         return value
 
-    def _direction(self, source: Source) -> Any:
+    def _tabulated(self, source: Source) -> Any:
         node, output = source.node, source.socket.identifier
         match node.bl_idname:
             case "ShaderNodeTexCoord" if output in COORDINATES and not (output == "UV" and node.from_instancer):
                 self._read(COORDINATES[output])
                 return Translation._output(self, source)
+            case "ShaderNodeTexCoord" if output in PLACES and node.object is None:
+                return self._place()
             case "ShaderNodeNewGeometry" if output in DIRECTIONS:
                 self._read(DIRECTIONS[output])
                 self.in_world = node
@@ -251,7 +289,7 @@ class _DirectionTranslation(ConstantTranslation):
                 raise VaryingNodeError(node)
             case "ShaderNodeTexIES":
                 return {"node": self.once(source, lambda: self._ies(source)), "output": "value"}
-            case name if name in BY_DIRECTION:
+            case name if name in TABULATED:
                 return Translation._output(self, source)
         return super()._output(source)
 

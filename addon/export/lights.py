@@ -233,7 +233,16 @@ def _emission(
         return None
     if emission is None:
         warn(f"light '{obj.name}': its nodes emit nothing; left out")
+    elif emission.table is not None and obj.data.type == "AREA" and _is_sheared(world_from_object):
+        warn(f"light '{obj.name}': its parent shears it, which its texture would not follow; left out")
+        return None
     return emission
+
+
+def _is_sheared(world_from_object: Any) -> bool:
+    """True if the axes of a transform are not perpendicular."""
+    axes = [Vector(row[column] for row in world_from_object[:3]).normalized() for column in range(3)]
+    return any(abs(axes[a] @ axes[b]) > 1e-4 for a, b in ((0, 1), (1, 2), (2, 0)))
 
 
 def light_kind(light: bpy.types.Light) -> dict[str, Any]:

@@ -16,6 +16,10 @@ const STRETCHED_SOFT_SPOT = 8u;
 const SHEARED_QUAD = 9u;
 const SHEARED_ELLIPSE = 10u;
 
+const WAY_BACK = 0u;
+const NORMAL = 1u;
+const PLACE = 2u;
+
 // Words of a receiver set: a bit for each of 2048.
 const RECEIVER_WORDS = 64u;
 
@@ -40,8 +44,8 @@ struct Light {
     // Of the spread of an area; a normalisation of 0 is that of a Lambertian emitter.
     tan_half: f32,
     normalisation: f32,
-    // Of a stretched spot or a light with a map, rows that take a direction to its own space; of a sheared area, those for edges of segments
-    // (`rust/gather/src/sheared.rs`), with the lengths of its own edges.
+    // Of a stretched spot or a light with a map, rows that take a direction to its own space, or a place to the map; of a sheared
+    // area, those for edges of segments (`rust/gather/src/sheared.rs`), with the lengths of its own edges.
     row_x: vec3f,
     length_u: f32,
     row_y: vec3f,
@@ -56,8 +60,8 @@ struct Light {
     map_rows: u32,
     map_width: u32,
     map_height: u32,
-    // 1 if it is looked up by the normal of a sphere, not by the way back.
-    map_by_normal: u32,
+    // What it is looked up by: WAY_BACK, NORMAL of a sphere, or PLACE on an area.
+    map_key: u32,
 }
 
 @group(0) @binding(0) var<storage, read> lights: array<Light>;
@@ -245,11 +249,22 @@ fn map_factor(light: u32, s: Segment) -> vec3f {
     if lights[light].map_rows == 0u {
         return vec3f(1.0);
     }
-    var seen = -s.edge;
-    if lights[light].map_by_normal == 1u {
-        seen = sphere_normal(light, s);
+    if lights[light].map_key == NORMAL {
+        return map_lookup(light, place_of_direction(light, sphere_normal(light, s)));
     }
-    return map_lookup(light, seen);
+    return map_factor_near(light, s.origin, s.edge);
+}
+
+// Likewise along a segment that may pass a smoothed light: by the way back in place of normals.
+fn map_factor_near(light: u32, origin: vec3f, edge: vec3f) -> vec3f {
+    if lights[light].map_key == PLACE {
+        let to_center = lights[light].center - origin;
+        let slope = dot(edge, lights[light].direction);
+        let share = select(dot(to_center, lights[light].direction) / slope, 0.0, slope == 0.0);
+        let in_plane = edge * share - to_center;
+        return map_lookup(light, vec2f(dot(in_plane, lights[light].row_x), dot(in_plane, lights[light].row_y)) + 0.5);
+    }
+    return map_lookup(light, place_of_direction(light, -edge));
 }
 
 // Normal, of any length, where a segment that crosses a sphere does so first.
@@ -263,17 +278,21 @@ fn sphere_normal(light: u32, s: Segment) -> vec3f {
     return select(-s.edge, normal, dot(normal, normal) > 0.0);
 }
 
-// Bilinear, `direction` being of any length in world space.
-fn map_lookup(light: u32, direction: vec3f) -> vec3f {
+// Place in a map of a direction of any length in world space.
+fn place_of_direction(light: u32, direction: vec3f) -> vec2f {
     let local = vec3f(
         dot(direction, lights[light].row_x), dot(direction, lights[light].row_y), dot(direction, lights[light].row_z)
     );
     let cone = lights[light].map_cone;
-    let size = vec2f(f32(lights[light].map_width), f32(lights[light].map_height));
-    var place = vec2f(atan2(local.y, local.x) * (0.5 / PI) + 0.5, atan2(length(local.xy), local.z) / PI);
     if cone > 0.0 {
-        place = local.xy * (0.5 / (cone * max(-local.z, 1e-6 * length(local)))) + 0.5;
+        return local.xy * (0.5 / (cone * max(-local.z, 1e-6 * length(local)))) + 0.5;
     }
+    return vec2f(atan2(local.y, local.x) * (0.5 / PI) + 0.5, atan2(length(local.xy), local.z) / PI);
+}
+
+// Bilinear value at a place of a map.
+fn map_lookup(light: u32, place: vec2f) -> vec3f {
+    let size = vec2f(f32(lights[light].map_width), f32(lights[light].map_height));
     let texel = clamp(place * size - 0.5, vec2f(-1.0), size);
     let low = floor(texel);
     let share = texel - low;
@@ -286,7 +305,7 @@ fn map_lookup(light: u32, direction: vec3f) -> vec3f {
 fn map_texel(light: u32, place: vec2i) -> vec3f {
     let width = i32(lights[light].map_width);
     var column = clamp(place.x, 0, width - 1);
-    if lights[light].map_cone == 0.0 {
+    if lights[light].map_cone == 0.0 && lights[light].map_key != PLACE {
         column = (place.x + width) % width;
     }
     let row = clamp(place.y, 0, i32(lights[light].map_height) - 1);

@@ -4,17 +4,27 @@ use std::sync::Arc;
 
 use glam::{Mat3, Vec3};
 use relume_dump::decode_rgb9e5;
-use relume_scene::{EmissionMap, PlacedMap};
+use relume_scene::{EmissionMap, MapKey, PlacedMap};
 
-use crate::light::{Ball, Profile};
+use crate::light::{Ball, Plane, Profile};
 
 /// A table about a light.
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedMap {
     pub map: Arc<EmissionMap>,
     pub local_from_world: Mat3,
-    /// Sphere whose normals it is about; none for directions of segments.
-    pub normals_of: Option<Ball>,
+    pub key: PreparedKey,
+}
+
+/// What a table is looked up by.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum PreparedKey {
+    /// The way back along a segment.
+    WayBack,
+    /// Normals of a sphere.
+    Normal(Ball),
+    /// Places on an area, whose edges go along the table's columns and rows.
+    Place(Plane),
 }
 
 impl PreparedMap {
@@ -23,44 +33,52 @@ impl PreparedMap {
     /// # Errors
     /// If its space is not finite, or the light has no table of this kind.
     pub fn new(placed: &PlacedMap, profile: &Profile) -> Result<Self, &'static str> {
-        let normals_of = match *profile {
-            Profile::Sphere(ball)
-            | Profile::Spot { ball, soft_falloff: false, .. }
-            | Profile::StretchedSpot { ball, soft_falloff: false, .. } => Some(ball),
-            Profile::FacingDisk(_) | Profile::Spot { .. } | Profile::StretchedSpot { .. } => None,
-            Profile::Area { .. } | Profile::Sheared(_) | Profile::Sun { .. } => {
-                return Err("only points and spots have an emission map");
-            }
+        let local_from_world = placed.local_from_world;
+        let key = match (placed.map.domain.key, *profile) {
+            (_, Profile::Sheared(_)) => return Err("it is sheared, and has an emission map"),
+            (
+                MapKey::Normal,
+                Profile::Sphere(ball)
+                | Profile::Spot { ball, soft_falloff: false, .. }
+                | Profile::StretchedSpot { ball, soft_falloff: false, .. },
+            ) => PreparedKey::Normal(ball),
+            (MapKey::Place, Profile::Area { plane, .. }) => PreparedKey::Place(plane.along(local_from_world)),
+            (MapKey::Place, _) => return Err("only area lights have an emission map by place"),
+            (MapKey::Normal | MapKey::WayBack, _) => PreparedKey::WayBack,
         };
-        let is_sound = placed.local_from_world.is_finite() && placed.local_from_world.determinant() != 0.0;
+        let is_sound = local_from_world.is_finite() && local_from_world.determinant() != 0.0;
         if !is_sound {
             return Err("the space of its emission map is not finite or flat");
         }
-        Ok(Self {
-            map: Arc::clone(&placed.map),
-            local_from_world: placed.local_from_world,
-            normals_of: normals_of.filter(|_| placed.map.domain.by_normal),
-        })
+        Ok(Self { map: Arc::clone(&placed.map), local_from_world, key })
     }
 
     /// Factor on the radiance along a segment that crosses the light.
     pub fn factor(&self, origin: Vec3, edge: Vec3) -> Vec3 {
-        let seen = self.normals_of.map_or(-edge, |ball| ball.normal(origin, edge));
-        self.lookup(self.local_from_world * seen)
+        let of_direction = |direction: Vec3| self.map.domain.place(self.local_from_world * direction);
+        self.lookup(match &self.key {
+            PreparedKey::WayBack => of_direction(-edge),
+            PreparedKey::Normal(ball) => of_direction(ball.normal(origin, edge)),
+            PreparedKey::Place(plane) => plane.place(origin, edge).map(|share| share + 0.5),
+        })
     }
 
-    /// Factor on the radiance along segments in this direction, wherever they cross the light.
-    pub fn factor_along(&self, edge: Vec3) -> Vec3 {
-        self.lookup(self.local_from_world * -edge)
+    /// Factor on the radiance along a segment that may pass a smoothed light: by the way back in place of normals.
+    pub fn factor_near(&self, origin: Vec3, edge: Vec3) -> Vec3 {
+        match self.key {
+            PreparedKey::Normal(_) => self.lookup(self.map.domain.place(self.local_from_world * -edge)),
+            PreparedKey::WayBack | PreparedKey::Place(_) => self.factor(origin, edge),
+        }
     }
 
-    fn lookup(&self, direction: Vec3) -> Vec3 {
+    /// Bilinear value at a place of the table.
+    fn lookup(&self, [u, v]: [f32; 2]) -> Vec3 {
         let (width, height) = (self.map.width, self.map.height());
-        let [u, v] = self.map.domain.place(direction);
-        let (x, y) = (u * width as f32 - 0.5, v * height as f32 - 0.5);
+        let among = |share: f32, count: usize| (share * count as f32 - 0.5).max(-1.0).min(count as f32);
+        let (x, y) = (among(u, width), among(v, height));
         let (left, low) = (x.floor(), y.floor());
-        let closes = self.map.domain.cone.is_none();
-        // Directions that are none become the first texel.
+        let closes = self.map.domain.closes();
+        // What is no number becomes the first texel.
         let column = |step: isize| match closes {
             true => (left as isize + step).rem_euclid(width as isize) as usize,
             false => (left as isize + step).clamp(0, width as isize - 1) as usize,
@@ -79,10 +97,10 @@ mod tests {
     use crate::SampleSplit;
     use crate::tests::kernels::{random_dump_of, random_lights};
     use relume_dump::encode_rgb9e5;
-    use relume_scene::MapDomain;
+    use relume_scene::{LightShape, MapDomain};
 
-    fn prepared(cone: Option<f32>, normals_of: Option<Ball>) -> PreparedMap {
-        let domain = MapDomain { by_normal: normals_of.is_some(), cone };
+    fn prepared(cone: Option<f32>, key: PreparedKey) -> PreparedMap {
+        let domain = MapDomain { key: MapKey::WayBack, cone };
         let (width, height) = (64, 64);
         let middle = |index: usize| (index as f32 + 0.5) / 64.0;
         // The direction itself, which bilinear interpolation keeps but for its curvature.
@@ -91,7 +109,7 @@ mod tests {
             encode_rgb9e5(0.5 + 0.5 * direction, Vec3::splat(0.5))
         };
         let map = EmissionMap { domain, width, texels: (0..width * height).map(texel).collect() };
-        PreparedMap { map: Arc::new(map), local_from_world: Mat3::IDENTITY, normals_of }
+        PreparedMap { map: Arc::new(map), local_from_world: Mat3::IDENTITY, key }
     }
 
     fn assert_seen(found: Vec3, direction: Vec3) {
@@ -101,20 +119,20 @@ mod tests {
 
     #[test]
     fn segments_are_looked_up_by_the_way_back() {
-        let all = prepared(None, None);
+        let all = prepared(None, PreparedKey::WayBack);
         for edge in [Vec3::new(1.0, 0.2, 0.3), Vec3::new(-1.0, 1e-3, -0.4), Vec3::new(-1.0, -1e-3, 2.0)] {
             assert_seen(all.factor(Vec3::ONE, edge), -edge);
         }
         let edge = Vec3::new(0.2, -0.3, 1.0);
-        assert_seen(prepared(Some(0.8), None).factor(Vec3::ONE, edge), -edge);
+        assert_seen(prepared(Some(0.8), PreparedKey::WayBack).factor(Vec3::ONE, edge), -edge);
     }
 
     #[test]
     fn a_map_of_one_texel_scales_images_of_whole_rays_and_of_pieces() {
         let gather = crate::Gather::new(random_dump_of(6, &[8]));
         let texel = encode_rgb9e5(Vec3::new(1.0, 0.5, 0.25), Vec3::splat(0.5));
-        for light in random_lights().into_iter().take(3) {
-            let domain = MapDomain { by_normal: false, cone: None };
+        for light in random_lights().into_iter().filter(|light| !is_sheared(light)) {
+            let domain = MapDomain { key: MapKey::WayBack, cone: None };
             let map = Arc::new(EmissionMap { domain, width: 1, texels: vec![texel] });
             let placed = PlacedMap { map, local_from_world: Mat3::IDENTITY };
             let mapped = relume_scene::Light { map: Some(placed), ..light.clone() };
@@ -128,12 +146,42 @@ mod tests {
         }
     }
 
+    fn is_sheared(light: &relume_scene::Light) -> bool {
+        matches!(light.shape, LightShape::Sheared { .. })
+    }
+
+    #[test]
+    fn areas_are_looked_up_by_the_place_on_them() {
+        let domain = MapDomain { key: MapKey::Place, cone: None };
+        let (width, height) = (40, 20);
+        let texel = |index: usize| {
+            let [u, v] = [(index % width) as f32 / width as f32, (index / width) as f32 / height as f32];
+            encode_rgb9e5(Vec3::new(u, v, 0.0), Vec3::splat(0.5))
+        };
+        let map = Arc::new(EmissionMap { domain, width, texels: (0..width * height).map(texel).collect() });
+        let center = Vec3::new(1.0, 2.0, 3.0);
+        // As areas of Blender lie, whose light goes along -z: the second edge is turned over unless a scale mirrors.
+        for flip in [-1.0, 1.0] {
+            let (edge_u, edge_v) = (4.0 * Vec3::X, 2.0 * flip * Vec3::Y);
+            let shape = LightShape::Quad { center, edge_u, edge_v, spread: std::f32::consts::PI };
+            let local_from_world = Mat3::from_diagonal(Vec3::new(1.0, 1.0, -flip));
+            let placed = PlacedMap { map: Arc::clone(&map), local_from_world };
+            let light = relume_scene::Light { map: Some(placed), ..relume_scene::Light::unit(shape) };
+            let prepared = crate::PreparedLight::new(&light, 0.0).unwrap().map.unwrap();
+            let origin = Vec3::new(0.0, 0.0, flip * 5.0 + 3.0);
+            let target = center + Vec3::new(1.0, -0.5, 0.0);
+            let found = prepared.factor(origin, 2.0 * (target - origin));
+            let wanted = Vec3::new(0.75 - 0.5 / 40.0, 0.25 - 0.5 / 20.0, 0.0);
+            assert!((found - wanted).abs().max_element() < 4e-3, "{flip}: {found}");
+        }
+    }
+
     #[test]
     fn spheres_are_looked_up_by_their_normal() {
         let ball = Ball { center: Vec3::new(0.0, 0.0, 2.0), radius: 0.5 };
-        let aside = prepared(None, Some(ball)).factor(Vec3::new(0.3, 0.0, 0.0), Vec3::Z * 3.0);
+        let aside = prepared(None, PreparedKey::Normal(ball)).factor(Vec3::new(0.3, 0.0, 0.0), Vec3::Z * 3.0);
         assert_seen(aside, Vec3::new(0.3, 0.0, -0.4));
-        let inside = prepared(None, Some(ball)).factor(ball.center, Vec3::Y * 3.0);
+        let inside = prepared(None, PreparedKey::Normal(ball)).factor(ball.center, Vec3::Y * 3.0);
         assert_seen(inside, Vec3::Y);
     }
 }

@@ -29,7 +29,7 @@ pub struct PreparedLight {
     pub(crate) factors: [f32; 8],
     /// Bit set of receivers that are lit; all if absent.
     pub(crate) receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
-    /// Factors by direction.
+    /// Factors by direction or place.
     pub(crate) map: Option<PreparedMap>,
 }
 
@@ -399,6 +399,21 @@ impl Ball {
 }
 
 impl Plane {
+    /// The plane with its second edge along the y axis of a space whose x axis the first edge goes along.
+    pub(crate) fn along(self, local_from_world: Mat3) -> Self {
+        let turned = if (local_from_world * self.inverse_v).y < 0.0 { -1.0 } else { 1.0 };
+        Self { inverse_v: turned * self.inverse_v, ..self }
+    }
+
+    /// Place where the line of a segment meets the plane, in shares of the edges from the centre.
+    pub(crate) fn place(&self, origin: Vec3, edge: Vec3) -> [f32; 2] {
+        let to_center = self.center - origin;
+        let slope = edge.dot(self.normal);
+        let share = if slope == 0.0 { 0.0 } else { to_center.dot(self.normal) / slope };
+        let in_plane = edge * share - to_center;
+        [in_plane.dot(self.inverse_u), in_plane.dot(self.inverse_v)]
+    }
+
     /// Cosine between the normal and the way back times the length of `edge`, if the segment crosses from the side of
     /// the normal. The kernels' fast test does these very operations, so that both agree.
     fn crossing_cosine(&self, origin: Vec3, edge: Vec3) -> Option<f32> {

@@ -326,7 +326,7 @@ impl Visitor for SoftSums<'_> {
                 self.edge[axis][self.waiting] = edge[axis];
             }
             if let Some(map) = &self.light.exact.map {
-                self.tint[self.waiting] = map.factor_along(edge.into());
+                self.tint[self.waiting] = map.factor_near(origin.into(), edge.into());
             }
             self.start[self.waiting] = start;
             (self.throughput[self.waiting], self.factor[self.waiting]) = (throughput[record], factor);

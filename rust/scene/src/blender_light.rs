@@ -50,7 +50,7 @@ pub struct BlenderLight {
     /// Receivers of light linking.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub receivers: Option<ReceiverSet>,
-    /// Factors on the emission by direction in the object's space, of a point or spot; none where there are none.
+    /// Factors on the emission by direction in the object's space or by place on an area; none where there are none.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "optional_map")]
     pub map: Option<Arc<EmissionMap>>,
     /// Shadow linking, bounces and Multiple Importance.
@@ -238,11 +238,17 @@ impl BlenderLight {
         Ok((light, notes))
     }
 
-    /// The table of its directions as it lies about the light.
+    /// True for an area light.
+    pub(crate) fn is_area(&self) -> bool {
+        matches!(self.kind, BlenderLightKind::Area { .. })
+    }
+
+    /// The table of its directions or places as it lies about the light.
     fn placed_map(&self) -> Result<Option<PlacedMap>, LightError> {
         let Some(map) = &self.map else { return Ok(None) };
-        if !matches!(self.kind, BlenderLightKind::Point { .. } | BlenderLightKind::Spot { .. }) {
-            return Err(self.error("only points and spots have an emission map"));
+        if self.is_area() && !is_square(self.axes(), 1e-4) {
+            let reason = "it is sheared, which its texture would not follow; clear the scale of its parent";
+            return Err(self.error(reason));
         }
         Ok(Some(PlacedMap { map: Arc::clone(map), local_from_world: self.local_from_world()? }))
     }

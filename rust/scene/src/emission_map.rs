@@ -1,4 +1,4 @@
-//! Emission of a lamp whose nodes make it shine differently by direction, as a table.
+//! Emission of a lamp whose nodes make it shine differently by direction or place, as a table.
 
 use std::sync::Arc;
 
@@ -9,12 +9,12 @@ use crate::LightShape;
 /// Most texels of a table.
 const MOST_TEXELS: usize = 1 << 19;
 
-/// Factors on the radiance of a light by direction in its object's space, RGB, scene-linear. Looked up bilinearly,
-/// texels in the middle of their squares.
+/// Factors on the radiance of a light by direction in its object's space or by place, RGB, scene-linear. Looked up
+/// bilinearly, texels in the middle of their squares.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "StoredMap", into = "StoredMap")]
 pub struct EmissionMap {
-    /// Directions that the table is about.
+    /// Directions or places that the table is about.
     pub domain: MapDomain,
     /// Texels in a row.
     pub width: usize,
@@ -22,13 +22,26 @@ pub struct EmissionMap {
     pub texels: Vec<u32>,
 }
 
-/// Directions of a table.
+/// Quantity by which a table is looked up where a ray crosses its light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MapKey {
+    /// Way back to where the ray began.
+    #[default]
+    WayBack,
+    /// Surface normal of a sphere.
+    Normal,
+    /// Place on an area light: columns go along the x axis of its object, rows along the y axis.
+    Place,
+}
+
+/// Directions or places of a table.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct MapDomain {
-    /// True for the surface normal where a sphere is crossed, false for the way back to where the ray began.
+    /// Quantity that is looked up; of places, there is no direction.
     #[serde(default)]
-    pub by_normal: bool,
+    pub key: MapKey,
     /// Tangent of half of the angle of a square cone about -z, which is what rows and columns go over. None for all
     /// directions: columns go over the angle about z, from that of -x through -y on, rows from +z to -z.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -36,6 +49,11 @@ pub struct MapDomain {
 }
 
 impl MapDomain {
+    /// True if the last column lies beside the first.
+    pub fn closes(&self) -> bool {
+        self.cone.is_none() && self.key != MapKey::Place
+    }
+
     /// Direction in the middle of a texel, of any length.
     pub fn direction(&self, u: f32, v: f32) -> Vec3 {
         use std::f32::consts::{PI, TAU};
@@ -131,14 +149,30 @@ impl PartialEq for PlacedMap {
 }
 
 impl PlacedMap {
-    /// The table after its light has turned from one shape to another, on the shortest way.
+    /// The table after its light has turned from one shape to another: as the edges of an area do, else on the shortest way.
     #[must_use]
     pub fn turned(&self, from: &LightShape, to: &LightShape) -> Self {
-        let turn = from.axis().zip(to.axis()).filter(|(from, to)| from != to);
-        let local_from_world = turn.map_or(self.local_from_world, |(from, to)| {
-            self.local_from_world * Mat3::from_quat(glam::Quat::from_rotation_arc(to, from))
-        });
+        let turn_back = match (frame(from), frame(to)) {
+            (Some(from), Some(to)) => Some(from * to.transpose()),
+            _ => from
+                .axis()
+                .zip(to.axis())
+                .filter(|(from, to)| from != to)
+                .map(|(from, to)| Mat3::from_quat(glam::Quat::from_rotation_arc(to, from))),
+        };
+        let local_from_world = turn_back.map_or(self.local_from_world, |turn| self.local_from_world * turn);
         Self { map: Arc::clone(&self.map), local_from_world }
+    }
+}
+
+/// Rotation of an area light: its edges and the way that it faces.
+fn frame(shape: &LightShape) -> Option<Mat3> {
+    match *shape {
+        LightShape::Quad { edge_u, edge_v, .. } | LightShape::Ellipse { edge_u, edge_v, .. } => {
+            let (u, v) = (edge_u.try_normalize()?, edge_v.try_normalize()?);
+            Some(Mat3::from_cols(u, v, u.cross(v)))
+        }
+        _ => None,
     }
 }
 
@@ -163,7 +197,7 @@ mod tests {
     #[test]
     fn places_are_those_of_their_directions() {
         for cone in [None, Some(0.7)] {
-            let domain = MapDomain { by_normal: false, cone };
+            let domain = MapDomain { key: MapKey::WayBack, cone };
             for (u, v) in [(0.1, 0.3), (0.5, 0.5), (0.9, 0.8), (0.3, 0.01)] {
                 let [x, y] = domain.place(domain.direction(u, v) * 3.0);
                 assert!((x - u).abs() < 1e-5 && (y - v).abs() < 1e-5, "{cone:?}: {u} {v} {x} {y}");
@@ -173,7 +207,7 @@ mod tests {
 
     #[test]
     fn tables_are_read_as_they_were_written_and_checked() {
-        let domain = MapDomain { by_normal: true, cone: Some(0.5) };
+        let domain = MapDomain { key: MapKey::Normal, cone: Some(0.5) };
         let map = EmissionMap { domain, width: 2, texels: vec![0, 1, 0xdead_beef, u32::MAX] };
         let text = serde_json::to_string(&map).unwrap();
         assert_eq!(serde_json::from_str::<EmissionMap>(&text).unwrap(), map);

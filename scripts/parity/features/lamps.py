@@ -1,4 +1,4 @@
-"""Feature scenes of lamps whose nodes make them differ by direction. Need `bpy`."""
+"""Feature scenes of lamps whose nodes make them differ by direction or place. Need `bpy`."""
 
 import math
 
@@ -41,6 +41,34 @@ def gobo_spots(scene):
     tree.links.new(checker.outputs["Color"], emission.inputs["Color"])
 
 
+def softboxes(scene):
+    """A softbox with a window's bars, a disk bright in its middle, an area with a file, and a wide coloured sun."""
+    _ball(scene)
+    tree, emission = _lamp(scene, "AREA", (-1.3, -0.4, 0.3), (0.0, -1.1, 0.0))
+    image, coordinates = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeTexCoord")
+    image.image = _picture()
+    tree.links.new(coordinates.outputs["UV"], image.inputs["Vector"])
+    tree.links.new(image.outputs["Color"], emission.inputs["Color"])
+    tree, emission = _lamp(scene, "AREA", (1.3, -0.4, 0.3), (0.0, 1.1, 0.0), shape="DISK")
+    middle, coordinates = tree.nodes.new("ShaderNodeVectorMath"), tree.nodes.new("ShaderNodeTexCoord")
+    middle.operation, middle.inputs[1].default_value = "DISTANCE", (0.5, 0.5, 0.0)
+    ramp = tree.nodes.new("ShaderNodeValToRGB")
+    ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = (4.0, 3.0, 2.0, 1.0), (0.0, 0.0, 0.1, 1.0)
+    ramp.color_ramp.elements[1].position = 0.5
+    tree.links.new(coordinates.outputs["UV"], middle.inputs[0])
+    tree.links.new(middle.outputs["Value"], ramp.inputs["Fac"])
+    tree.links.new(ramp.outputs["Color"], emission.inputs["Color"])
+    tree, emission = _lamp(scene, "AREA", (0.0, 0.5, 1.2), (0.0, 0.0, 0.0))
+    ies = tree.nodes.new("ShaderNodeTexIES")
+    ies.ies = bpy.data.texts.new("Photometry")
+    ies.ies.write(photometry(PLANES))
+    ies.inputs["Strength"].default_value = 0.004
+    tree.links.new(ies.outputs[0], emission.inputs["Strength"])
+    tree, emission = _lamp(scene, "SUN", (0.0, 0.0, 3.0), (0.6, 0.3, 0.0))
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(coordinates.outputs["UV"], emission.inputs["Color"])
+
+
 def photometry(planes):
     """Text of a photometric file with these horizontal angles."""
     rows = [
@@ -53,9 +81,18 @@ def photometry(planes):
     return "\n".join([head, " ".join(map(str, ANGLES)), " ".join(map(str, planes)), *rows])
 
 
-def _lamp(scene, kind, location, rotation):
+ENERGIES = {"SPOT": 40.0, "AREA": 8.0}
+
+
+def _lamp(scene, kind, location, rotation, shape="RECTANGLE"):
     data = bpy.data.lights.new(kind.title(), kind)
-    data.energy, data.shadow_soft_size = 40.0 if kind == "SPOT" else 1.0, 0.05
+    data.energy = ENERGIES.get(kind, 1.0)
+    if kind in {"POINT", "SPOT"}:
+        data.shadow_soft_size = 0.05
+    if kind == "AREA":
+        data.shape, data.size, data.size_y = shape, 0.8, 0.5
+    if kind == "SUN":
+        data.angle = 0.4
     if kind == "SPOT":
         data.spot_size, data.spot_blend = math.radians(70.0), 0.3
     lamp = bpy.data.objects.new(data.name, data)
@@ -86,4 +123,4 @@ def _ball(scene):
     stage.add_ball(scene, "Ball", 0.5, material, (0.0, 0.0, -0.5))
 
 
-SCENES = {"ies_lights": ies_lights, "gobo_spots": gobo_spots}
+SCENES = {"ies_lights": ies_lights, "gobo_spots": gobo_spots, "softboxes": softboxes}

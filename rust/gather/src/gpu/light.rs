@@ -7,7 +7,7 @@ use relume_dump::RECEIVER_LIMIT;
 use relume_gpu::{Buffer, Gpu, GpuError};
 
 use crate::PreparedLight;
-use crate::emission_map::PreparedMap;
+use crate::emission_map::{PreparedKey, PreparedMap};
 use crate::kernel::ROUNDING;
 use crate::light::{FAR, Profile};
 
@@ -22,6 +22,10 @@ const STRETCHED_SPOT: u32 = 7;
 const STRETCHED_SOFT_SPOT: u32 = 8;
 const SHEARED_QUAD: u32 = 9;
 const SHEARED_ELLIPSE: u32 = 10;
+
+const WAY_BACK: u32 = 0;
+const NORMAL: u32 = 1;
+const PLACE: u32 = 2;
 
 /// Bits of a receiver set in the words of the device.
 pub type Receivers = [u32; SET_WORDS];
@@ -56,7 +60,7 @@ pub struct GpuLight {
     pub map_rows: u32,
     pub map_width: u32,
     pub map_height: u32,
-    pub map_by_normal: u32,
+    pub map_key: u32,
 }
 
 impl GpuLight {
@@ -127,15 +131,23 @@ impl GpuLight {
     /// The light with its map, which begins at this row of the table of receivers.
     fn with_map(self, map: &PreparedMap, first_row: u32) -> Self {
         let rows = map.local_from_world.transpose();
+        let [row_x, row_y] = match &map.key {
+            PreparedKey::Place(plane) => [plane.inverse_u, plane.inverse_v],
+            PreparedKey::WayBack | PreparedKey::Normal(_) => [rows.x_axis, rows.y_axis],
+        };
         Self {
-            row_x: rows.x_axis.into(),
-            row_y: rows.y_axis.into(),
+            row_x: row_x.into(),
+            row_y: row_y.into(),
             row_z: rows.z_axis.into(),
             map_cone: map.map.domain.cone.unwrap_or(0.0),
             map_rows: first_row,
             map_width: map.map.width as u32,
             map_height: map.map.height() as u32,
-            map_by_normal: u32::from(map.normals_of.is_some()),
+            map_key: match map.key {
+                PreparedKey::WayBack => WAY_BACK,
+                PreparedKey::Normal(_) => NORMAL,
+                PreparedKey::Place(_) => PLACE,
+            },
             ..self
         }
     }
@@ -228,7 +240,7 @@ mod tests {
         relume_gpu::assert_mirror!(GpuLight as "gather/light", "Light", {
             center, kind, direction, radius, inverse_u, reach2, inverse_v, receivers, factors, cos_half_angle,
             inverse_blend, tan_half, normalisation, row_x, length_u, row_y, length_v, row_z, determinant, center_row_z,
-            map_cone, map_rows, map_width, map_height, map_by_normal,
+            map_cone, map_rows, map_width, map_height, map_key,
         });
     }
 

@@ -1,6 +1,6 @@
 //! Maps of emission on the GPU are those of the CPU.
 
-use relume_scene::{Light, LightShape, MapDomain};
+use relume_scene::{Light, LightShape, MapDomain, MapKey};
 
 use super::tests::gpu;
 use super::*;
@@ -12,19 +12,18 @@ use crate::tests::{Random, mapped};
 fn maps_are_those_of_the_cpu_in_either_order_and_for_smoothed_lights() {
     let gather = Gather::new(random_dump_of(10, &[1, 3, 4, 40]));
     let mut random = Random(7);
-    let is_ball = |light: &&Light| {
-        matches!(
-            light.shape,
-            LightShape::Sphere { .. } | LightShape::FacingDisk { .. } | LightShape::Spot { .. }
-        )
+    let domains = [(MapKey::WayBack, None), (MapKey::Normal, None), (MapKey::WayBack, Some(0.6))]
+        .map(|(key, cone)| MapDomain { key, cone });
+    let by_place = MapDomain { key: MapKey::Place, cone: None };
+    let domain_of = |light: &Light, number: usize| match light.shape {
+        LightShape::Quad { .. } | LightShape::Ellipse { .. } if number.is_multiple_of(2) => by_place,
+        _ => domains[number % 3],
     };
-    let domains = [(false, None), (true, None), (false, Some(0.6))]
-        .map(|(by_normal, cone)| MapDomain { by_normal, cone });
     let lights: Vec<_> = random_lights()
         .iter()
-        .filter(is_ball)
-        .zip(domains.iter().cycle())
-        .map(|(light, domain)| mapped(light, &mut random, *domain))
+        .filter(|light| !matches!(light.shape, LightShape::Sheared { .. } | LightShape::StretchedSpot { .. }))
+        .enumerate()
+        .map(|(number, light)| mapped(light, &mut random, domain_of(light, number)))
         .collect();
     let prepared = gather.prepare_all(&lights).unwrap();
     let expected = gather.unit_images(&prepared, SampleSplit::All);

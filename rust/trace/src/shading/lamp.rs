@@ -1,7 +1,7 @@
-//! Emission of lamps whose shaders make it differ by direction, as tables.
+//! Emission of lamps whose shaders make it differ by direction or place, as tables.
 //!
 //! What a graph sees of a lamp is that of Cycles (`kernel/light` and `kernel/geom/shader_data.h` of Blender 4.2 to 5.3).
-//! Its place does not show: a graph that reads positions has no such table.
+//! Where the lamp itself stands does not show: a graph that reads positions in the world has no such table.
 
 use std::f32::consts::{PI, TAU};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use relume_dump::encode_rgb9e5;
-use relume_scene::{EmissionMap, Geometry, Instance, MapDomain, Material, Mesh, Node, Scene, Texture, UvMap};
+use relume_scene::{
+    EmissionMap, Geometry, Instance, MapDomain, MapKey, Material, Mesh, Node, Scene, Texture, UvMap,
+};
 
 use super::{PreparedMaterials, RayInfo, SurfacePoint};
 use crate::bsdf::Surface;
@@ -23,8 +25,8 @@ const WIDEST_CONE: f32 = 0.37 * PI;
 pub struct Lamp {
     /// Type of light.
     pub kind: LampKind,
-    /// True if the shader reads the surface normal of a sphere, and not the way back along the ray.
-    pub by_normal: bool,
+    /// Quantity that the shader reads: one of the way back along the ray, a sphere's normal and an area's place.
+    pub key: MapKey,
     /// Rows of the transform of directions, for a shader that reads some in world space; none if it does not matter.
     #[serde(default)]
     pub world_from_object: Option<[[f32; 3]; 3]>,
@@ -42,6 +44,18 @@ pub enum LampKind {
     Spot {
         /// Full angle of the cone, radians.
         spot_size: f32,
+    },
+    /// Shares of the edges.
+    Area {
+        /// Edges in the lamp's space.
+        size: [f32; 2],
+    },
+    /// Disk in the sky.
+    Sun {
+        /// Full angle of the disk, radians.
+        angle: f32,
+        /// Lengths of its object's x and y axes, by which Cycles shrinks the picture on the disk.
+        scale: [f32; 2],
     },
 }
 
@@ -64,7 +78,7 @@ pub fn emission_map(
             _ => None,
         }
     }));
-    let domain = MapDomain { by_normal: lamp.by_normal, cone: lamp.kind.cone() };
+    let domain = MapDomain { key: lamp.key, cone: lamp.kind.cone() };
     let width = lamp.resolution.clamp(1, 1 << 9);
     let (is_finite, is_positive) = (AtomicBool::new(true), AtomicBool::new(true));
     let mut values = vec![Vec3::ZERO; width * width];
@@ -72,8 +86,9 @@ pub fn emission_map(
         let mut surface = Surface::default();
         for (column, value) in values.iter_mut().enumerate() {
             let middle = |index: usize| (index as f32 + 0.5) / width as f32;
-            let direction = domain.direction(middle(column), middle(row)).normalize();
-            let emission = lamp.emission(&prepared, &scene, matrix, direction, &mut surface);
+            let point = lamp.point(domain, matrix, [middle(column), middle(row)]);
+            prepared.evaluate(&scene, &point, &mut surface);
+            let emission = surface.emission();
             if emission.is_finite() {
                 *value = emission.max(Vec3::ZERO);
                 if emission.min_element() < 0.0 {
@@ -132,6 +147,7 @@ impl LampKind {
             Self::Spot { spot_size } if 0.5 * spot_size <= WIDEST_CONE => {
                 Some((0.5 * spot_size).tan().max(1e-4))
             }
+            Self::Sun { angle, .. } if 0.5 * angle <= WIDEST_CONE => Some((0.5 * angle).tan().max(1e-4)),
             _ => None,
         }
     }
@@ -147,38 +163,50 @@ impl LampKind {
                 let scale = -0.5 / ((0.5 * spot_size).tan() * direction.z);
                 [direction.x * scale + 0.5, direction.y * scale + 0.5]
             }
+            // Of an area, the way back says nothing of the place.
+            Self::Area { .. } => [0.5; 2],
+            Self::Sun { angle, scale: [scale_x, scale_y] } => {
+                // The disk's radius is the sine of half of an angle over that of its edge (`kernel/light/sun.h`).
+                let cos_half = (0.5 - 0.5 * direction.z).max(0.0).sqrt();
+                let radius = -0.25 / ((0.25 * angle).sin() * cos_half);
+                [direction.x * radius / scale_x + 0.5, direction.y * radius / scale_y + 0.5]
+            }
         }
     }
 }
 
 impl Lamp {
-    /// Emission along a unit direction of the lamp's space.
-    fn emission(
-        &self,
-        prepared: &PreparedMaterials,
-        scene: &Scene,
-        matrix: Mat3,
-        direction: Vec3,
-        surface: &mut Surface,
-    ) -> Vec3 {
-        let back = (matrix * direction).normalize_or(direction);
-        let point = SurfacePoint {
-            position: Vec3::ZERO,
-            geometric_normal: back,
-            shading_normal: back,
+    /// Point of the lamp that a place of its table is about, in the space of the scene around its origin.
+    fn point(&self, domain: MapDomain, matrix: Mat3, place: [f32; 2]) -> SurfacePoint {
+        let [u, v] = place;
+        let direction = match self.key {
+            MapKey::Place => Vec3::NEG_Z,
+            MapKey::WayBack | MapKey::Normal => domain.direction(u, v).normalize(),
+        };
+        let in_world = |direction: Vec3| (matrix * direction).normalize_or(direction);
+        let back = in_world(direction);
+        let (normal, position) = match self.kind {
+            LampKind::Area { size: [width, height] } => {
+                let position = matrix * Vec3::new((u - 0.5) * width, (v - 0.5) * height, 0.0);
+                (in_world(Vec3::NEG_Z), position)
+            }
+            LampKind::Point | LampKind::Spot { .. } | LampKind::Sun { .. } => (back, Vec3::ZERO),
+        };
+        SurfacePoint {
+            position,
+            geometric_normal: normal,
+            shading_normal: normal,
             wo: back,
             backfacing: false,
             instance: 0,
             geometry: Geometry::Mesh(0),
             primitive: 0,
-            barycentrics: self.kind.uv(direction),
+            barycentrics: if self.key == MapKey::Place { place } else { self.kind.uv(direction) },
             ray_length: 0.0,
             footprint: 0.0,
             strand: None,
             ray: RayInfo::default(),
-        };
-        prepared.evaluate(scene, &point, surface);
-        surface.emission()
+        }
     }
 }
 
@@ -206,7 +234,7 @@ mod tests {
 
     const SPOT: Lamp = Lamp {
         kind: LampKind::Spot { spot_size: 1.2 },
-        by_normal: false,
+        key: MapKey::WayBack,
         world_from_object: None,
         resolution: 256,
     };
@@ -233,6 +261,28 @@ mod tests {
             let wanted = Vec3::new(x + 1.0, y + 1.0, 0.0);
             let found = at(&map, Vec3::new(x * edge, y * edge, -1.0));
             assert!((found - wanted).abs().max_element() < 0.02, "{x} {y}: {found}");
+        }
+    }
+
+    #[test]
+    fn areas_see_their_place_and_suns_their_disk() {
+        let nodes = json!([{"type": "uv_map", "name": ""}, emitter(json!({"node": 0, "output": "vector"}))]);
+        let area = Lamp { kind: LampKind::Area { size: [3.0, 1.0] }, key: MapKey::Place, ..SPOT };
+        let (largest, map) = map_of(nodes.clone(), &area).0.unwrap();
+        let texel = |x: usize, y: usize| largest * relume_dump::decode_rgb9e5(map.texels[y * map.width + x]);
+        assert!((texel(64, 192) - 2.0 * Vec3::new(0.25, 0.75, 0.0)).abs().max_element() < 0.02);
+        let object = json!([{"type": "texture_coordinate", "kind": "object"}, emitter(json!({"node": 0, "output": "vector"}))]);
+        let (largest, map) = map_of(object, &area).0.unwrap();
+        let texel = |x: usize, y: usize| largest * relume_dump::decode_rgb9e5(map.texels[y * map.width + x]);
+        assert!((texel(192, 192) - 2.0 * Vec3::new(0.75, 0.25, 0.0)).abs().max_element() < 0.02);
+
+        let sun = Lamp { kind: LampKind::Sun { angle: 0.4, scale: [2.0, 1.0] }, ..SPOT };
+        let map = map_of(nodes, &sun).0.unwrap();
+        // Coordinates of the way to a sun, which stands at +z.
+        for (to_sun, uv) in [((0.2_f32.sin(), 0.0), [0.75, 0.5]), ((0.0, -0.1_f32.sin()), [0.5, 0.25])] {
+            let back = -Vec3::new(to_sun.0, to_sun.1, (1.0 - to_sun.0.powi(2) - to_sun.1.powi(2)).sqrt());
+            let wanted = 2.0 * Vec3::new(uv[0], uv[1], 0.0);
+            assert!((at(&map, back) - wanted).abs().max_element() < 0.02, "{to_sun:?}: {}", at(&map, back));
         }
     }
 
