@@ -131,9 +131,8 @@ def test_nothing_is_said_of_what_changes_no_picture(scene, harmless):
     [
         (set_render("use_multiview"), "Stereo views of scene 'Scene' are not supported; switch off Stereoscopy"),
         (lambda scene: setattr(scene.view_layers[0], "use_solid", False), "view layer 'ViewLayer' renders no meshes"),
-        (lambda scene: setattr(scene.camera.data, "type", "PANO"), "camera 'Camera': pano"),
     ],
-    ids=["stereo", "surfaces off", "panorama"],
+    ids=["stereo", "surfaces off"],
 )
 def test_what_cannot_be_rendered_is_refused_with_a_way_out(scene, deviate, words):
     add_quad(scene)
