@@ -39,7 +39,7 @@ NODES: dict[str, tuple[str, str]] = {
     "ShaderNodeAmbientOcclusion": (NOT, "named, and its colour"),
     "ShaderNodeBevel": (NOT, "named, and the normal as it is"),
     "ShaderNodeTexSky": (APPROXIMATED, "in worlds as Cycles renders it; in materials named, and a constant"),
-    "ShaderNodeLightFalloff": (APPROXIMATED, "in lights where it is the usual falloff; else the light is named"),
+    "ShaderNodeLightFalloff": (APPROXIMATED, "in lights where it is a factor on all of the light; else named"),
     "ShaderNodeTexIES": (APPROXIMATED, "in lights; in materials named, and a constant"),
     "ShaderNodeScript": (NOT, "named: scripts in Open Shading Language run in Cycles alone"),
     "GeometryNodeMenuSwitch": (EQUAL, ""),

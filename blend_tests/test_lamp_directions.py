@@ -179,6 +179,53 @@ def test_a_sheared_area_with_a_texture_is_named(scene):
     assert read["lights"] == [] and "shears" in read["warnings"][0]
 
 
+def fading(output, smooth=0.0, build=None):
+    """Emission of a lamp by its distance, of a colour or an image."""
+
+    def build_falloff(tree):
+        strength = node(tree, "ShaderNodeLightFalloff", {"Strength": 2.0, "Smooth": smooth}).outputs[output]
+        color = build(tree).node.inputs["Color"].links[0].from_socket if build else (1.0, 0.5, 0.2, 1.0)
+        return node(tree, "ShaderNodeEmission", {"Color": color, "Strength": strength}).outputs[0]
+
+    return build_falloff
+
+
+FALLOFFS = {
+    "linear": ("POINT", fading("Linear")),
+    "constant of a sphere": ("POINT", fading("Constant")),
+    "smooth": ("SPOT", fading("Quadratic", 0.8)),
+    "constant of a picture": ("AREA", fading("Constant", 0.3, picture)),
+}
+
+
+@pytest.mark.parametrize("name", FALLOFFS)
+def test_lamps_fade_by_distance_as_in_cycles(scene, tmp_path, name):
+    kind, build = FALLOFFS[name]
+    lamp = lit_by(scene, kind, build)
+    lamp.location.z = 0.6
+    if name == "constant of a sphere":
+        lamp.data.use_soft_falloff, lamp.data.shadow_soft_size = False, 0.3
+    # Behind a pane, distances go on.
+    glass, tree, output = add_material("Pane")
+    pane = node(tree, "ShaderNodeBsdfTransparent", {"Color": (0.5, 0.5, 0.5, 1)}).outputs[0]
+    tree.links.new(pane, output.inputs["Surface"])
+    add_quad(scene, size=1.0, material=glass).location = (0.8, 0.0, 0.1)
+    update()
+    ours, cycles, warnings = pictures(scene, tmp_path / "bake", samples=512)
+    error = np.abs(ours - cycles)
+    assert warnings == [] and error.mean() <= 0.02 * cycles.mean() and error.max() <= 0.08 * cycles.max()
+
+
+def test_a_falloff_of_a_part_is_named(scene):
+    def build(tree):
+        plain = node(tree, "ShaderNodeEmission").outputs[0]
+        return node(tree, "ShaderNodeAddShader", {0: fading("Linear")(tree), 1: plain}).outputs[0]
+
+    lit_by(scene, "POINT", build)
+    read = exported(scene)
+    assert read["lights"] == [] and "light 'Lamp': its node 'Emission" in read["warnings"][0]
+
+
 def test_a_sphere_is_looked_up_by_its_normal(scene, tmp_path):
     lit_by(scene, "POINT", colored("ShaderNodeTexVoronoi", "Color", Scale=3.0), use_soft_falloff=False)
     bpy.data.objects["Lamp"].data.shadow_soft_size = 0.4

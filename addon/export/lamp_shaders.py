@@ -1,4 +1,4 @@
-"""Emission of lamps by their node trees: one colour, or a table by direction or place."""
+"""Emission of lamps by their node trees: one colour, or a table by direction or place, and falloffs."""
 
 from __future__ import annotations
 
@@ -34,6 +34,8 @@ DIRECTIONS = {"Normal": "normal", "True Normal": "normal", "Incoming": "incoming
 """Outputs of Geometry likewise, in world space."""
 PLACES = {"Object", "Generated"} if bpy.app.version >= (4, 5, 0) else set()
 """Outputs of Texture Coordinate that are places in the space of a lamp: since lamps are objects in Cycles."""
+POWERS = {"Quadratic": 0.0, "Linear": 1.0, "Constant": 2.0}
+"""Powers of the distance by which outputs of Light Falloff grow."""
 FINE, COARSE = 512, 256
 """Texels along the edges of a table: of textures, and of all else and what is made anew when a lamp turns."""
 MOST_TABLES = 32
@@ -183,6 +185,11 @@ class _TableTranslation(ConstantTranslation):
         self.light = obj.data
         self.reads: dict[str, bpy.types.Node] = {}
         """Directions and places that the graph reads, each with a node that does."""
+        self.falloff: dict[str, float] | None = None
+        """JSON form of `relume_scene::Falloff`."""
+        self.emitters: list[bpy.types.Node] = []
+        self.fading: list[bpy.types.Node] = []
+        """Emission nodes, and those with the falloff."""
         self.in_world: bpy.types.Node | None = None
         """A node that reads directions of the world."""
 
@@ -194,6 +201,10 @@ class _TableTranslation(ConstantTranslation):
             "key": self._key(),
             "resolution": FINE if kinds & {"image_texture", "procedural"} and self.in_world is None else COARSE,
         }
+        if self.falloff is not None:
+            if len(self.fading) < len(self.emitters):
+                raise VaryingNodeError(self.emitters[0])
+            lamp["falloff"] = self.falloff
         if self.in_world is not None or not _is_turned_only(world_from_object):
             lamp["world_from_object"] = [list(row[:3]) for row in world_from_object[:3]]
         return lamp
@@ -265,6 +276,8 @@ class _TableTranslation(ConstantTranslation):
     def _closure(self, source: Source) -> int | None:
         if source.node.bl_idname == "ShaderNodeBsdfPrincipled":
             raise VaryingNodeError(source.node)
+        if source.node.bl_idname == "ShaderNodeEmission":
+            self.emitters.append(source.node)
         return super()._closure(source)
 
     def _output(self, source: Source) -> Any:
@@ -287,11 +300,27 @@ class _TableTranslation(ConstantTranslation):
                 return Translation._output(self, source)
             case "ShaderNodeTexImage" if node.projection == "BOX" or (node.image and node.image.source == "TILED"):
                 raise VaryingNodeError(node)
+            case "ShaderNodeLightFalloff" if not self._is_plain(source):
+                return self._faded(source)
             case "ShaderNodeTexIES":
                 return {"node": self.once(source, lambda: self._ies(source)), "output": "value"}
             case name if name in TABULATED:
                 return Translation._output(self, source)
         return super()._output(source)
+
+    def _faded(self, source: Source) -> Any:
+        """Strength of a Light Falloff node. Raises VaryingNodeError unless the node scales all of an emission."""
+        node, emission = source.node, self._present[-2]
+        smooth = self.value(node, "Smooth", source.context)
+        is_factor = emission.bl_idname == "ShaderNodeEmission" and emission not in self.fading
+        if not is_factor or not isinstance(smooth, float) or self.light.type == "SUN":
+            raise VaryingNodeError(node)
+        falloff = {"power": POWERS[source.socket.identifier], "smooth": max(smooth, 0.0)}
+        if self.falloff not in (None, falloff):
+            raise VaryingNodeError(node)
+        self.falloff = falloff
+        self.fading.append(emission)
+        return self.value(node, "Strength", source.context)
 
     def _ies(self, source: Source) -> dict[str, Any]:
         border = "nearest" if bpy.app.version >= (5, 0, 0) else "zero"

@@ -124,13 +124,15 @@ fn visit(index: u32, touching: u32, number: u32) {
         let light = arguments.first_light + i;
         if ((touching >> i) & 1u) != 0u && is_near(light, s) {
             var factor = 0.0;
+            var before = 0.0;
             if (words.y & CONTINUES) == 0u {
                 factor = weight(light, s);
             } else {
-                factor = piece_weight(light, s, behind[index - pixel_groups[number].behind_shift]);
+                before = behind[index - pixel_groups[number].behind_shift];
+                factor = piece_weight(light, s, before);
             }
             if factor != 0.0 {
-                let value = decode_rgb9e5(throughput[index]) * map_factor(light, s)
+                let value = decode_rgb9e5(throughput[index]) * map_factor(light, s, before)
                     * (factor * bitcast<f32>(0x7f000000u - unit(light)));
                 let pixel = (words.w >> 16u) & 255u;
                 add(6u * i, pixel, value.x);

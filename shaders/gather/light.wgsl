@@ -62,6 +62,10 @@ struct Light {
     map_height: u32,
     // What it is looked up by: WAY_BACK, NORMAL of a sphere, or PLACE on an area.
     map_key: u32,
+    // Factor by distance, as of `Falloff`; 0 and 0 for none.
+    falloff_power: f32,
+    falloff_smooth: f32,
+    padding: vec2u,
 }
 
 @group(0) @binding(0) var<storage, read> lights: array<Light>;
@@ -244,19 +248,72 @@ fn sheared(light: u32, s: Segment) -> f32 {
     return select(0.0, weight * max((lights[light].tan_half - tan) * lights[light].normalisation, 0.0), cos > 0.0);
 }
 
-// Factor of the map of a light along a segment that crosses it.
-fn map_factor(light: u32, s: Segment) -> vec3f {
+// Factor of the map of a light along a segment that crosses it, of a ray that began `behind` metres before.
+fn map_factor(light: u32, piece: Segment, behind: f32) -> vec3f {
     if lights[light].map_rows == 0u {
         return vec3f(1.0);
     }
+    let before = piece.edge * (behind * inverseSqrt(piece.length2));
+    let s = segment(piece.origin - before, piece.edge + before, piece.z_flags);
+    let factor = falloff(light, crossing_distance(light, s));
     if lights[light].map_key == NORMAL {
-        return map_lookup(light, place_of_direction(light, sphere_normal(light, s)));
+        return factor * map_lookup(light, place_of_direction(light, sphere_normal(light, s)));
     }
-    return map_factor_near(light, s.origin, s.edge);
+    return factor * map_texels(light, s.origin, s.edge);
 }
 
-// Likewise along a segment that may pass a smoothed light: by the way back in place of normals.
+// Likewise along a ray that may pass a smoothed light: by the way back in place of normals.
 fn map_factor_near(light: u32, origin: vec3f, edge: vec3f) -> vec3f {
+    let to_center = length(lights[light].center - origin);
+    var distance = select(to_center, abs(to_center - lights[light].radius), is_ball(light));
+    if lights[light].kind == SUN {
+        distance = 1.0;
+    }
+    return falloff(light, distance) * map_texels(light, origin, edge);
+}
+
+// Factor by distance.
+fn falloff(light: u32, distance: f32) -> f32 {
+    let smoothing = lights[light].falloff_smooth;
+    if lights[light].falloff_power == 0.0 && smoothing == 0.0 {
+        return 1.0;
+    }
+    let squared = distance * distance;
+    return pow(distance, lights[light].falloff_power) * select(1.0, squared / (smoothing + squared), smoothing > 0.0);
+}
+
+// True if rays meet the surface of the light's ball.
+fn is_ball(light: u32) -> bool {
+    let kind = lights[light].kind;
+    return kind == SPHERE || kind == SPOT || kind == STRETCHED_SPOT;
+}
+
+// Metres from where a ray begins to where it crosses a light; a sun has none that matters.
+fn crossing_distance(light: u32, s: Segment) -> f32 {
+    let to_center = lights[light].center - s.origin;
+    let length = sqrt(s.length2);
+    switch lights[light].kind {
+        case QUAD, ELLIPSE: {
+            return length * dot(to_center, lights[light].direction) / dot(s.edge, lights[light].direction);
+        }
+        case SUN: {
+            return 1.0;
+        }
+        default: {}
+    }
+    let foot = dot(to_center, s.edge) / length;
+    let distance2 = dot(to_center, to_center);
+    if !is_ball(light) {
+        return distance2 / foot;
+    }
+    let radius2 = lights[light].radius * lights[light].radius;
+    let perpendicular = to_center - s.edge * (foot / length);
+    let half_chord = sqrt(max(radius2 - dot(perpendicular, perpendicular), 0.0));
+    return max(foot + select(half_chord, -half_chord, distance2 > radius2), 0.0);
+}
+
+// Value of the map of a light that is looked up by the way back or by place.
+fn map_texels(light: u32, origin: vec3f, edge: vec3f) -> vec3f {
     if lights[light].map_key == PLACE {
         let to_center = lights[light].center - origin;
         let slope = dot(edge, lights[light].direction);

@@ -56,13 +56,15 @@ fn visit_segment(record: u32, s: Segment, shard: Shard, first_light: u32, count:
         }
         if is_near(first_light + i, s) {
             var factor = 0.0;
+            var before = 0.0;
             if (s.z_flags & CONTINUES) == 0u {
                 factor = weight(first_light + i, s);
             } else {
-                factor = piece_weight(first_light + i, s, behind(record, s.origin, shard));
+                before = behind(record, s.origin, shard);
+                factor = piece_weight(first_light + i, s, before);
             }
             if factor != 0.0 {
-                sums[i] += decode_rgb9e5(throughput[record]) * map_factor(first_light + i, s) * factor;
+                sums[i] += decode_rgb9e5(throughput[record]) * map_factor(first_light + i, s, before) * factor;
             }
         }
     }

@@ -86,7 +86,7 @@ fn add_record(record: u32, shard: Shard, scale: f32) {
     evaluate(Ray(origin - direction * start, direction, start, start + length));
     var rgb = decode_rgb9e5(throughput[record]) * weight;
     if lights[arguments.light].map_rows != 0u {
-        rgb *= map_factor_near(arguments.light, origin, edge);
+        rgb *= map_factor_near(arguments.light, origin - direction * start, edge);
     }
     for (var i = 0u; i < OUTPUTS; i++) {
         sums[i] += rgb * outputs[i];

@@ -14,6 +14,8 @@ pub(crate) struct PreparedMap {
     pub map: Arc<EmissionMap>,
     pub local_from_world: Mat3,
     pub key: PreparedKey,
+    /// Geometry of the light, for distances.
+    profile: Profile,
 }
 
 /// What a table is looked up by.
@@ -50,25 +52,38 @@ impl PreparedMap {
         if !is_sound {
             return Err("the space of its emission map is not finite or flat");
         }
-        Ok(Self { map: Arc::clone(&placed.map), local_from_world, key })
+        Ok(Self { map: Arc::clone(&placed.map), local_from_world, key, profile: *profile })
     }
 
-    /// Factor on the radiance along a segment that crosses the light.
+    /// Factor on the radiance along a ray that crosses the light, from where it began.
     pub fn factor(&self, origin: Vec3, edge: Vec3) -> Vec3 {
+        let by_distance = match self.map.falloff.is_none() {
+            true => 1.0,
+            false => self.map.falloff.factor(self.profile.distance(origin, edge)),
+        };
+        by_distance * self.texels(origin, edge)
+    }
+
+    /// Factor on the radiance along a ray that may pass a smoothed light: by the way back in place of normals.
+    pub fn factor_near(&self, origin: Vec3, edge: Vec3) -> Vec3 {
+        let texels = match self.key {
+            PreparedKey::Normal(_) => self.lookup(self.map.domain.place(self.local_from_world * -edge)),
+            PreparedKey::WayBack | PreparedKey::Place(_) => self.texels(origin, edge),
+        };
+        match self.map.falloff.is_none() {
+            true => texels,
+            false => self.map.falloff.factor(self.profile.distance_near(origin)) * texels,
+        }
+    }
+
+    /// Value of the table for a ray that crosses the light.
+    fn texels(&self, origin: Vec3, edge: Vec3) -> Vec3 {
         let of_direction = |direction: Vec3| self.map.domain.place(self.local_from_world * direction);
         self.lookup(match &self.key {
             PreparedKey::WayBack => of_direction(-edge),
             PreparedKey::Normal(ball) => of_direction(ball.normal(origin, edge)),
             PreparedKey::Place(plane) => plane.place(origin, edge).map(|share| share + 0.5),
         })
-    }
-
-    /// Factor on the radiance along a segment that may pass a smoothed light: by the way back in place of normals.
-    pub fn factor_near(&self, origin: Vec3, edge: Vec3) -> Vec3 {
-        match self.key {
-            PreparedKey::Normal(_) => self.lookup(self.map.domain.place(self.local_from_world * -edge)),
-            PreparedKey::WayBack | PreparedKey::Place(_) => self.factor(origin, edge),
-        }
     }
 
     /// Bilinear value at a place of the table.
@@ -97,7 +112,7 @@ mod tests {
     use crate::SampleSplit;
     use crate::tests::kernels::{random_dump_of, random_lights};
     use relume_dump::encode_rgb9e5;
-    use relume_scene::{LightShape, MapDomain};
+    use relume_scene::{Falloff, LightShape, MapDomain};
 
     fn prepared(cone: Option<f32>, key: PreparedKey) -> PreparedMap {
         let domain = MapDomain { key: MapKey::WayBack, cone };
@@ -108,8 +123,18 @@ mod tests {
             let direction = domain.direction(middle(index % width), middle(index / width)).normalize();
             encode_rgb9e5(0.5 + 0.5 * direction, Vec3::splat(0.5))
         };
-        let map = EmissionMap { domain, width, texels: (0..width * height).map(texel).collect() };
-        PreparedMap { map: Arc::new(map), local_from_world: Mat3::IDENTITY, key }
+        let map = EmissionMap {
+            domain,
+            width,
+            texels: (0..width * height).map(texel).collect(),
+            falloff: Falloff::default(),
+        };
+        PreparedMap {
+            map: Arc::new(map),
+            local_from_world: Mat3::IDENTITY,
+            key,
+            profile: Profile::Sun { direction: Vec3::Z, chord2: 1.0 },
+        }
     }
 
     fn assert_seen(found: Vec3, direction: Vec3) {
@@ -133,7 +158,8 @@ mod tests {
         let texel = encode_rgb9e5(Vec3::new(1.0, 0.5, 0.25), Vec3::splat(0.5));
         for light in random_lights().into_iter().filter(|light| !is_sheared(light)) {
             let domain = MapDomain { key: MapKey::WayBack, cone: None };
-            let map = Arc::new(EmissionMap { domain, width: 1, texels: vec![texel] });
+            let map =
+                Arc::new(EmissionMap { domain, width: 1, texels: vec![texel], falloff: Falloff::default() });
             let placed = PlacedMap { map, local_from_world: Mat3::IDENTITY };
             let mapped = relume_scene::Light { map: Some(placed), ..light.clone() };
             let lights = gather.prepare_all(&[light, mapped]).unwrap();
@@ -158,7 +184,12 @@ mod tests {
             let [u, v] = [(index % width) as f32 / width as f32, (index / width) as f32 / height as f32];
             encode_rgb9e5(Vec3::new(u, v, 0.0), Vec3::splat(0.5))
         };
-        let map = Arc::new(EmissionMap { domain, width, texels: (0..width * height).map(texel).collect() });
+        let map = Arc::new(EmissionMap {
+            domain,
+            width,
+            texels: (0..width * height).map(texel).collect(),
+            falloff: Falloff::default(),
+        });
         let center = Vec3::new(1.0, 2.0, 3.0);
         // As areas of Blender lie, whose light goes along -z: the second edge is turned over unless a scale mirrors.
         for flip in [-1.0, 1.0] {
@@ -174,6 +205,30 @@ mod tests {
             let wanted = Vec3::new(0.75 - 0.5 / 40.0, 0.25 - 0.5 / 20.0, 0.0);
             assert!((found - wanted).abs().max_element() < 4e-3, "{flip}: {found}");
         }
+    }
+
+    #[test]
+    fn distances_are_those_to_where_a_light_is_crossed() {
+        let ball = Ball { center: Vec3::new(0.0, 0.0, 3.0), radius: 0.5 };
+        let (aside, edge) = (Vec3::new(0.3, 0.0, 0.0), 10.0 * Vec3::Z);
+        let near = |found: f32, wanted: f32| assert!((found - wanted).abs() < 1e-5, "{found} for {wanted}");
+        near(Profile::Sphere(ball).distance(aside, edge), 2.6);
+        near(Profile::Sphere(ball).distance(ball.center, edge), 0.5);
+        // A facing disk stands across the line to its centre.
+        near(Profile::FacingDisk(ball).distance(aside, edge), (9.0 + 0.09) / 3.0);
+        let plane = Plane {
+            center: ball.center,
+            normal: Vec3::NEG_Z,
+            inverse_u: Vec3::X,
+            inverse_v: Vec3::Y,
+            is_ellipse: false,
+        };
+        near(
+            Profile::Area { plane, spread: None }.distance(aside, Vec3::new(0.0, 1.0, 1.0)),
+            18.0_f32.sqrt(),
+        );
+        let falloff = Falloff { power: 2.0, smooth: 0.5 };
+        near(falloff.factor(2.0), 4.0 * 4.0 / 4.5);
     }
 
     #[test]

@@ -275,17 +275,16 @@ fn evaluate(shard: &Shard, block: &SegmentBlock, index: usize, light: &PreparedL
     }
     let (start, edge) = block.segment(index);
     let (start, edge) = (Vec3::from(start), Vec3::from(edge));
-    let collected = match flags.continues() {
-        true => {
-            let piece = RayPiece::new(shard.ray_origin(record), start, edge);
-            light.profile.evaluate_piece(&piece, flags.escaped())
-        }
-        false => light.profile.evaluate(start, edge, flags.escaped()),
+    let piece = flags.continues().then(|| RayPiece::new(shard.ray_origin(record), start, edge));
+    let collected = match &piece {
+        Some(piece) => light.profile.evaluate_piece(piece, flags.escaped()),
+        None => light.profile.evaluate(start, edge, flags.escaped()),
     };
     let weight = factor * collected;
     if weight != 0.0 {
         let contribution = decode_rgb9e5(shard.throughput()[record]) * weight;
-        let tint = |map: &PreparedMap| contribution * map.factor(start, edge);
+        let (origin, edge) = piece.map_or((start, edge), |piece| (piece.origin, piece.to_end));
+        let tint = |map: &PreparedMap| contribution * map.factor(origin, edge);
         sink.add(record, light.map.as_ref().map_or(contribution, tint));
     }
 }

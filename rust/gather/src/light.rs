@@ -313,6 +313,39 @@ impl Profile {
         }
     }
 
+    /// Metres from where a ray begins to where it crosses the light; a sun and a sheared area have none that matters.
+    pub fn distance(&self, origin: Vec3, edge: Vec3) -> f32 {
+        match self {
+            Self::Sphere(ball)
+            | Self::Spot { ball, soft_falloff: false, .. }
+            | Self::StretchedSpot { ball, soft_falloff: false, .. } => ball.sphere_distance(origin, edge),
+            Self::FacingDisk(ball) | Self::Spot { ball, .. } | Self::StretchedSpot { ball, .. } => {
+                let to_center = ball.center - origin;
+                to_center.length_squared() * edge.length() / to_center.dot(edge)
+            }
+            Self::Area { plane, .. } => {
+                edge.length() * (plane.center - origin).dot(plane.normal) / edge.dot(plane.normal)
+            }
+            Self::Sheared(_) | Self::Sun { .. } => 1.0,
+        }
+    }
+
+    /// Distance likewise for a smoothed light, the same for all rays from a place.
+    pub fn distance_near(&self, origin: Vec3) -> f32 {
+        match self {
+            Self::Sphere(ball)
+            | Self::Spot { ball, soft_falloff: false, .. }
+            | Self::StretchedSpot { ball, soft_falloff: false, .. } => {
+                (ball.center.distance(origin) - ball.radius).abs()
+            }
+            Self::FacingDisk(ball) | Self::Spot { ball, .. } | Self::StretchedSpot { ball, .. } => {
+                ball.center.distance(origin)
+            }
+            Self::Area { plane, .. } => plane.center.distance(origin),
+            Self::Sheared(_) | Self::Sun { .. } => 1.0,
+        }
+    }
+
     /// Radiance that a segment collects from the light; 0 if it does not cross it.
     pub fn evaluate(&self, origin: Vec3, edge: Vec3, escaped: bool) -> f32 {
         let hit = |hit: bool| if hit { 1.0 } else { 0.0 };
@@ -349,6 +382,17 @@ impl Ball {
         let is_outside = to_center.length_squared() > radius2;
         let normal = edge * if is_outside { -half_chord } else { half_chord } - perpendicular;
         if normal.length_squared() > 0.0 { normal } else { -edge }
+    }
+
+    /// Metres along a ray to where it enters the sphere, or leaves it if it begins inside.
+    fn sphere_distance(&self, origin: Vec3, edge: Vec3) -> f32 {
+        let to_center = self.center - origin;
+        let direction = edge / edge.length();
+        let foot = to_center.dot(direction);
+        let perpendicular = to_center - direction * foot;
+        let half_chord = (self.radius * self.radius - perpendicular.length_squared()).max(0.0).sqrt();
+        let is_outside = to_center.length_squared() > self.radius * self.radius;
+        (if is_outside { foot - half_chord } else { foot + half_chord }).max(0.0)
     }
 
     fn sphere_is_crossed(&self, origin: Vec3, edge: Vec3) -> bool {

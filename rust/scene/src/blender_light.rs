@@ -50,7 +50,7 @@ pub struct BlenderLight {
     /// Receivers of light linking.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub receivers: Option<ReceiverSet>,
-    /// Factors on the emission by direction in the object's space or by place on an area; none where there are none.
+    /// Factors on the emission by direction in the object's space, by place on an area and by distance; none where there are none.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "optional_map")]
     pub map: Option<Arc<EmissionMap>>,
     /// Shadow linking, bounces and Multiple Importance.

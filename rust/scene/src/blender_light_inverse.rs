@@ -295,7 +295,12 @@ mod tests {
     #[test]
     fn a_map_turns_with_its_light_and_is_kept() {
         let domain = crate::MapDomain { key: crate::MapKey::WayBack, cone: Some(0.5) };
-        let map = Some(Arc::new(EmissionMap { domain, width: 1, texels: vec![7] }));
+        let map = Some(Arc::new(EmissionMap {
+            domain,
+            width: 1,
+            texels: vec![7],
+            falloff: crate::Falloff::default(),
+        }));
         for blender in lights() {
             let blender = BlenderLight { map: map.clone(), ..blender };
             let is_ball =

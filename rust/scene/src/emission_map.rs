@@ -1,4 +1,4 @@
-//! Emission of a lamp whose nodes make it shine differently by direction or place, as a table.
+//! Emission of a lamp whose nodes make it shine differently by direction, place or distance, as a table.
 
 use std::sync::Arc;
 
@@ -20,6 +20,33 @@ pub struct EmissionMap {
     pub width: usize,
     /// Texels, row by row, each of the format that OpenGL calls RGB9E5.
     pub texels: Vec<u32>,
+    /// Factor by distance.
+    pub falloff: Falloff,
+}
+
+/// Factor on the radiance of a light by the distance `t` from where the ray began to where it crosses the light:
+/// `t^power * t^2 / (smooth + t^2)`, as by Cycles' Light Falloff node (`kernel/svm/light_path.h`). Nothing by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Falloff {
+    /// Power of the distance: 0 for *Quadratic*, 1 for *Linear*, 2 for *Constant*.
+    pub power: f32,
+    /// *Smooth*, square metres.
+    pub smooth: f32,
+}
+
+impl Falloff {
+    /// True if all distances are alike.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Factor at a distance in metres.
+    pub fn factor(&self, distance: f32) -> f32 {
+        let squared = distance * distance;
+        let smoothing = if self.smooth > 0.0 { squared / (self.smooth + squared) } else { 1.0 };
+        distance.powf(self.power) * smoothing
+    }
 }
 
 /// Quantity by which a table is looked up where a ray crosses its light.
@@ -89,6 +116,8 @@ struct StoredMap {
     domain: MapDomain,
     width: usize,
     texels: String,
+    #[serde(default, skip_serializing_if = "Falloff::is_none")]
+    falloff: Falloff,
 }
 
 impl From<EmissionMap> for StoredMap {
@@ -97,7 +126,7 @@ impl From<EmissionMap> for StoredMap {
         let digit = |texel: u32, place: u32| char::from(DIGITS[(texel >> (28 - 4 * place) & 15) as usize]);
         let texels =
             map.texels.iter().flat_map(|&texel| (0..8).map(move |place| digit(texel, place))).collect();
-        Self { domain: map.domain, width: map.width, texels }
+        Self { domain: map.domain, width: map.width, texels, falloff: map.falloff }
     }
 }
 
@@ -120,7 +149,11 @@ impl TryFrom<StoredMap> for EmissionMap {
         if stored.domain.cone.is_some_and(|tangent| !(tangent > 0.0 && tangent.is_finite())) {
             return Err("the cone of an emission map is not above 0");
         }
-        Ok(Self { domain: stored.domain, width: stored.width, texels })
+        let Falloff { power, smooth } = stored.falloff;
+        if !((0.0..=2.0).contains(&power) && smooth >= 0.0 && smooth.is_finite()) {
+            return Err("the falloff of an emission map has a power beyond 0 to 2 or a smoothing below 0");
+        }
+        Ok(Self { domain: stored.domain, width: stored.width, texels, falloff: stored.falloff })
     }
 }
 
@@ -208,7 +241,8 @@ mod tests {
     #[test]
     fn tables_are_read_as_they_were_written_and_checked() {
         let domain = MapDomain { key: MapKey::Normal, cone: Some(0.5) };
-        let map = EmissionMap { domain, width: 2, texels: vec![0, 1, 0xdead_beef, u32::MAX] };
+        let falloff = Falloff { power: 1.0, smooth: 0.25 };
+        let map = EmissionMap { domain, width: 2, texels: vec![0, 1, 0xdead_beef, u32::MAX], falloff };
         let text = serde_json::to_string(&map).unwrap();
         assert_eq!(serde_json::from_str::<EmissionMap>(&text).unwrap(), map);
         let broken = [
@@ -216,6 +250,8 @@ mod tests {
             ("\"width\":2", "\"width\":3"),
             ("\"width\":2", "\"width\":0"),
             ("0.5", "0.0"),
+            ("\"power\":1.0", "\"power\":3.0"),
+            ("0.25", "-0.25"),
         ];
         for (from, to) in broken {
             assert!(serde_json::from_str::<EmissionMap>(&text.replace(from, to)).is_err(), "{to}");

@@ -45,7 +45,7 @@ pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
 pub use curves::{Curves, StrandLengths, StrandShape};
 pub use displacement::{Displaceable, Displacement, Undisplaced};
-pub use emission_map::{EmissionMap, MapDomain, MapKey, PlacedMap};
+pub use emission_map::{EmissionMap, Falloff, MapDomain, MapKey, PlacedMap};
 pub use geometry::Geometry;
 pub use glam;
 pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};

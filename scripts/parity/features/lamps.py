@@ -69,6 +69,23 @@ def softboxes(scene):
     tree.links.new(coordinates.outputs["UV"], emission.inputs["Color"])
 
 
+def falloffs(scene):
+    """Points and an area whose light falls less with distance, behind a pane and before."""
+    _ball(scene)
+    glass = stage.hunt.plain_material("Pane", "ShaderNodeBsdfTransparent", Color=(0.6, 0.8, 0.9, 1.0))
+    stage.add_ball(scene, "Shell", 0.3, glass, (0.7, -0.3, -0.4))
+    for place, kind, output, strength, smooth in (
+        ((-1.2, -0.3, 0.4), "POINT", "Linear", 4.0, 0.0),
+        ((1.2, -0.3, 0.4), "POINT", "Constant", 2.0, 0.6),
+        ((0.0, 0.4, 1.2), "AREA", "Constant", 0.5, 0.0),
+    ):
+        tree, emission = _lamp(scene, kind, place, (0.0, 0.0, 0.0))
+        falloff = tree.nodes.new("ShaderNodeLightFalloff")
+        falloff.inputs["Strength"].default_value, falloff.inputs["Smooth"].default_value = strength, smooth
+        tree.links.new(falloff.outputs[output], emission.inputs["Strength"])
+        emission.inputs["Color"].default_value = (1.0, 0.7, 0.4, 1.0) if kind == "POINT" else (0.4, 0.6, 1.0, 1.0)
+
+
 def photometry(planes):
     """Text of a photometric file with these horizontal angles."""
     rows = [
@@ -123,4 +140,4 @@ def _ball(scene):
     stage.add_ball(scene, "Ball", 0.5, material, (0.0, 0.0, -0.5))
 
 
-SCENES = {"ies_lights": ies_lights, "gobo_spots": gobo_spots, "softboxes": softboxes}
+SCENES = {"ies_lights": ies_lights, "gobo_spots": gobo_spots, "softboxes": softboxes, "falloffs": falloffs}

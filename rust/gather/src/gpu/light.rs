@@ -61,6 +61,9 @@ pub struct GpuLight {
     pub map_width: u32,
     pub map_height: u32,
     pub map_key: u32,
+    pub falloff_power: f32,
+    pub falloff_smooth: f32,
+    pub padding: [u32; 2],
 }
 
 impl GpuLight {
@@ -148,6 +151,8 @@ impl GpuLight {
                 PreparedKey::Normal(_) => NORMAL,
                 PreparedKey::Place(_) => PLACE,
             },
+            falloff_power: map.map.falloff.power,
+            falloff_smooth: map.map.falloff.smooth,
             ..self
         }
     }
@@ -240,7 +245,7 @@ mod tests {
         relume_gpu::assert_mirror!(GpuLight as "gather/light", "Light", {
             center, kind, direction, radius, inverse_u, reach2, inverse_v, receivers, factors, cos_half_angle,
             inverse_blend, tan_half, normalisation, row_x, length_u, row_y, length_v, row_z, determinant, center_row_z,
-            map_cone, map_rows, map_width, map_height, map_key,
+            map_cone, map_rows, map_width, map_height, map_key, falloff_power, falloff_smooth, padding,
         });
     }
 

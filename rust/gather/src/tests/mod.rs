@@ -14,7 +14,7 @@ use relume_dump::{
     Dump, End, FORMAT_VERSION, Lobe, Manifest, MemoryWriter, Pass, Segment, ShardSink, TileSamples,
     encode_rgb9e5,
 };
-use relume_scene::{EmissionMap, Light, LightShape, MapDomain, PlacedMap};
+use relume_scene::{EmissionMap, Falloff, Light, LightShape, MapDomain, PlacedMap};
 
 /// A manifest of square images with tiles of 4 pixels.
 pub fn manifest(size: usize, samples: &[u32]) -> Manifest {
@@ -76,8 +76,9 @@ pub fn light(shape: LightShape) -> Light {
 
 /// The light with a random map, mild enough for what directions are rounded to.
 pub fn mapped(light: &Light, random: &mut Random, domain: MapDomain) -> Light {
+    let falloff = Falloff { power: random.range(0.0, 2.0), smooth: random.next() };
     let texel = |_| encode_rgb9e5(Vec3::splat(0.5) + random.point(0.4), Vec3::splat(0.5));
-    let map = EmissionMap { domain, width: 8, texels: (0..8 * 5).map(texel).collect() };
+    let map = EmissionMap { domain, width: 8, texels: (0..8 * 5).map(texel).collect(), falloff };
     let local_from_world = Mat3::from_quat(Quat::from_scaled_axis(random.point(2.0)));
     Light { map: Some(PlacedMap { map: Arc::new(map), local_from_world }), ..light.clone() }
 }

@@ -10,7 +10,7 @@ use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use relume_dump::encode_rgb9e5;
 use relume_scene::{
-    EmissionMap, Geometry, Instance, MapDomain, MapKey, Material, Mesh, Node, Scene, Texture, UvMap,
+    EmissionMap, Falloff, Geometry, Instance, MapDomain, MapKey, Material, Mesh, Node, Scene, Texture, UvMap,
 };
 
 use super::{PreparedMaterials, RayInfo, SurfacePoint};
@@ -30,6 +30,9 @@ pub struct Lamp {
     /// Rows of the transform of directions, for a shader that reads some in world space; none if it does not matter.
     #[serde(default)]
     pub world_from_object: Option<[[f32; 3]; 3]>,
+    /// Factor by distance.
+    #[serde(default)]
+    pub falloff: Falloff,
     /// Texels along each edge of the table.
     pub resolution: usize,
 }
@@ -110,7 +113,7 @@ pub fn emission_map(
         return (None, notes);
     }
     let texels = values.iter().map(|&value| encode_rgb9e5(value / largest, Vec3::splat(0.5))).collect();
-    (Some((largest, narrowed(EmissionMap { domain, width, texels }))), notes)
+    (Some((largest, narrowed(EmissionMap { domain, width, texels, falloff: lamp.falloff }))), notes)
 }
 
 /// The table with one column if all are alike, as about the axis of most photometric files.
@@ -236,6 +239,7 @@ mod tests {
         kind: LampKind::Spot { spot_size: 1.2 },
         key: MapKey::WayBack,
         world_from_object: None,
+        falloff: Falloff { power: 0.0, smooth: 0.0 },
         resolution: 256,
     };
     const POINT: Lamp = Lamp { kind: LampKind::Point, ..SPOT };
