@@ -52,14 +52,14 @@ def shards(folder):
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*.safetensors")}
 
 
-def test_another_background_for_the_camera_is_shown_without_new_paths(turnable, tmp_path):
+def test_another_background_for_some_rays_is_shown_without_new_paths(turnable, tmp_path):
     scene, mapping = turnable
     before, paths = picture(scene, "the first picture"), shards(tmp_path / "bake")
     tree = mapping.id_data
     surface = tree.get_output_node("CYCLES").inputs["Surface"]
     other, path, mix = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("Background", "LightPath", "MixShader"))
     other.inputs["Color"].default_value = (0.0, 5.0, 0.0, 1.0)
-    sources = (path.outputs["Is Camera Ray"], surface.links[0].from_socket, other.outputs[0], mix.outputs[0])
+    sources = (path.outputs["Is Diffuse Ray"], surface.links[0].from_socket, other.outputs[0], mix.outputs[0])
     for source, target in zip(sources, (*mix.inputs[:3], surface), strict=True):
         tree.links.new(source, target)
     update()
@@ -178,11 +178,12 @@ def test_other_images_and_plain_colours_take_turns(turnable):
     update()
     red = picture(scene, "a red world")
     assert red[..., 1].sum() < 0.9 * green[..., 1].sum()
-    scene.render.film_transparent = True
-    scene.update_tag()
+    visibility = scene.world.cycles_visibility
+    visibility.camera = False
+    scene.world.update_tag()
     update()
     picture(scene, "a world that the camera does not see")
-    scene.render.film_transparent = False
+    visibility.camera = True
     tree.links.new(texture.outputs[0], background.inputs["Color"])
     texture.image = image
     update()

@@ -238,7 +238,8 @@ class _WorldExporter:
 
     def _set(self, seen: dict[str, Seen]) -> None:
         """Sets what rays of each kind see: the world is what most see that light anything, the rest are parts of it."""
-        own = next((seen[rays] for rays in (*BOUNCED, "camera") if any(seen[rays].color)), seen["diffuse"])
+        seeing = (*BOUNCED, "camera") if self.visible_camera else BOUNCED
+        own = next((seen[rays] for rays in seeing if any(seen[rays].color)), seen["diffuse"])
         if not self.visible_camera:
             seen["camera"] = own
         others = dict.fromkeys(light for light in seen.values() if light != own)
