@@ -42,12 +42,22 @@ def shader_nodes():
             enums = [prop for prop in cls.bl_rna.properties if prop.type == "ENUM" and prop.identifier not in general]
             found[kind] = {
                 "name": node.bl_label,
-                "options": {prop.identifier: [item.identifier for item in prop.enum_items] for prop in enums},
                 "inputs": list(dict.fromkeys(socket.identifier for socket in node.inputs)),
                 "outputs": list(dict.fromkeys(socket.identifier for socket in node.outputs)),
+                "options": {prop.identifier: _items(node, prop) for prop in enums},
             }
     bpy.data.node_groups.remove(tree)
     return found
+
+
+def _items(node, prop):
+    """Items of an enumeration that the node takes in a shader tree."""
+    taken = []
+    for item in prop.enum_items:
+        with contextlib.suppress(TypeError):
+            setattr(node, prop.identifier, item.identifier)
+            taken.append(item.identifier)
+    return taken
 
 
 def structure(name):

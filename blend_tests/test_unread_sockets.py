@@ -73,18 +73,6 @@ def test_every_input_of_every_closure_is_read_or_named(scene):
     assert unread == []
 
 
-def test_thin_walls_are_named_where_light_is_transmitted(scene):
-    material = closure("Pane", "ShaderNodeBsdfPrincipled")
-    add_quad(scene, "Pane", material=material)
-    node = material.node_tree.nodes[kind_name("ShaderNodeBsdfPrincipled")]
-    if "Thin Wall" not in node.inputs:
-        pytest.skip("this version has no thin walls")
-    node.inputs["Thin Wall"].default_value = True
-    assert exported(scene)["warnings"] == []
-    node.inputs["Transmission Weight"].default_value = 1.0
-    assert ["thin walls" in text for text in exported(scene)["warnings"]] == [True]
-
-
 def test_dispersion_is_named_where_light_is_transmitted(scene):
     material = closure("Prism", "ShaderNodeBsdfPrincipled")
     add_quad(scene, "Prism", material=material)

@@ -1,4 +1,4 @@
-"""The random number that Cycles' Object Info node gives to an object that is no instance: a hash of its name.
+"""Random numbers that Cycles makes of names and whole numbers, by hashing.
 
 The string hash is a base-37 polynomial; the mixing is Bob Jenkins' lookup3 (2006, public domain).
 """
@@ -9,15 +9,20 @@ MASK = 0xFFFFFFFF
 
 
 def random_of_name(name: str) -> float:
-    """A number in 0..1."""
+    """Number in 0..1 that the node Object Info gives to an object of this name that is no instance."""
     key = 0
     for byte in name.encode():
         key = (key * 37 + byte) & MASK
-    return _mixed(key) / MASK
+    return _mixed(key, 2) / MASK
 
 
-def _mixed(key: int) -> int:
-    a = b = c = (0xDEADBEEF + (2 << 2) + 13) & MASK
+def random_of_number(number: int, words: int) -> float:
+    """Number in 0..1 of a whole number that is the first of one or two words, the second 0."""
+    return _mixed(number, words) / MASK
+
+
+def _mixed(key: int, words: int) -> int:
+    a = b = c = (0xDEADBEEF + (words << 2) + 13) & MASK
     a = (a + key) & MASK
     c = ((c ^ b) - _rotated(b, 14)) & MASK
     a = ((a ^ c) - _rotated(c, 11)) & MASK

@@ -11,6 +11,7 @@ import numpy as np
 from .arrays import LAYOUTS, stored
 from .attributes import UNREAD, as_colors, as_factors, attribute_values
 from .materials import ANY_UV_MAP, FACTOR
+from .shape_attributes import of_shape
 
 
 class GeometryExporter:
@@ -79,6 +80,7 @@ def mesh_arrays(mesh: bpy.types.Mesh, attribute_names: Collection[str] = ()) -> 
     # Centre and half size, so that generated coordinates are Cycles' after a modifier changed the mesh.
     arrays["texture_space"] = [list(mesh.texspace_location), list(mesh.texspace_size)]
     arrays["color_attributes"] = _color_attributes(mesh, arrays["corner_verts"])
+    arrays["color_attributes"] |= of_shape(mesh, arrays, attribute_names)
     for name in sorted(set(attribute_names) - arrays["color_attributes"].keys() - arrays["uv_maps"].keys()):
         attribute = mesh.attributes.get(name.removesuffix(FACTOR))
         if attribute is not None and _is_readable(attribute):

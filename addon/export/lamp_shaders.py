@@ -16,6 +16,7 @@ from .images import ImageExporter, path_of
 from .materials.constants import PURE_NODES, ConstantEmission, ConstantTranslation, VaryingNodeError
 from .materials.graph import Context, Source, surface_socket, used_tree
 from .materials.procedural import TEXTURES
+from .materials.surface_nodes import ies
 from .materials.translation import Translation
 
 LIGHT_PATH = dict.fromkeys(
@@ -303,7 +304,7 @@ class _TableTranslation(ConstantTranslation):
             case "ShaderNodeLightFalloff" if not self._is_plain(source):
                 return self._faded(source)
             case "ShaderNodeTexIES":
-                return {"node": self.once(source, lambda: self._ies(source)), "output": "value"}
+                return ies(self, source)
             case name if name in TABULATED:
                 return Translation._output(self, source)
         return super()._output(source)
@@ -322,28 +323,8 @@ class _TableTranslation(ConstantTranslation):
         self.fading.append(emission)
         return self.value(node, "Strength", source.context)
 
-    def _ies(self, source: Source) -> dict[str, Any]:
-        border = "nearest" if bpy.app.version >= (5, 0, 0) else "zero"
-        return {
-            "type": "ies",
-            "profile": {"text": _ies_text(source.node), "border": border},
-            "strength": self.value(source.node, "Strength", source.context),
-            "vector": self.value(source.node, "Vector", source.context, None),
-        }
-
     def _varies(self, node: bpy.types.Node) -> dict[str, Any]:
         raise VaryingNodeError(node)
-
-
-def _ies_text(node: bpy.types.Node) -> str:
-    """Text of a photometric file; empty if there is none."""
-    if node.mode == "INTERNAL":
-        return node.ies.as_string() if node.ies is not None else ""
-    try:
-        with open(bpy.path.abspath(node.filepath, library=node.id_data.library), "rb") as file:
-            return file.read().decode("utf-8", errors="replace")
-    except OSError:
-        return ""
 
 
 def _is_turned_only(matrix: Any) -> bool:

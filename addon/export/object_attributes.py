@@ -12,6 +12,8 @@ from typing import Any, TypeAlias
 import bpy
 from mathutils import Matrix
 
+from ..core.random_number import random_of_number
+
 Rgba: TypeAlias = tuple[float, float, float, float]
 
 OF_INSTANCER = {"generated": "\tgenerated of instancer", "uv": "\tUV of instancer"}
@@ -19,6 +21,8 @@ OF_INSTANCER = {"generated": "\tgenerated of instancer", "uv": "\tUV of instance
 OF_ARRAY = re.compile(r"\[\d+\]$")
 MATRIX, MATRIX_INVERSE = "\tworld from object ", "\tobject from world "
 """How the names of the rows of an instance's transform and its inverse begin: the axis follows."""
+PARTICLE = "\tparticle "
+"""How the names of what the node Particle Info tells begin: its output follows."""
 NO_VALUE: Rgba = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -71,8 +75,30 @@ def _value(instance: bpy.types.DepsgraphObjectInstance, name: str) -> Rgba:
         matrix = instance.matrix_world if name.startswith(MATRIX) else instance.matrix_world.inverted_safe()
         row = matrix["xyz".index(name[-1])]
         return row[0], row[1], row[2], row[3]
+    if name.startswith(PARTICLE):
+        return _of_particle(instance, name.removeprefix(PARTICLE))
     _, kind, asked = name.split("\t", 2)
     return _first(_owners(instance, kind == "INSTANCER"), asked)
+
+
+def _of_particle(instance: bpy.types.DepsgraphObjectInstance, asked: str) -> Rgba:
+    """Fact about the particle that shows an instance; children have none, as in Cycles."""
+    particles = instance.particle_system.particles if instance.particle_system is not None else ()
+    index = instance.persistent_id[0]
+    particle = particles[index] if 0 <= index < len(particles) else None
+    if asked in {"Index", "Random"}:
+        number = index if particle is not None else 0
+        value = float(number) if asked == "Index" else random_of_number(number, 2)
+    elif particle is None:
+        value = 0.0
+    elif asked == "Age":
+        value = bpy.context.scene.frame_current_final - particle.birth_time
+    elif asked in {"Lifetime", "Size"}:
+        value = getattr(particle, asked.lower())
+    else:
+        x, y, z = getattr(particle, asked.lower().replace(" ", "_"))
+        return x, y, z, 1.0
+    return value, value, value, value
 
 
 def _owners(instance: bpy.types.DepsgraphObjectInstance, of_instancer: bool) -> Iterator[bpy.types.ID | None]:

@@ -2,7 +2,8 @@
 
 from .attribute_nodes import FACTOR
 from .exporter import MaterialExporter, asked_attributes
+from .surface_nodes import ISLAND, POINTINESS
 from .translation import sampling_settings
 from .values import ANY_UV_MAP
 
-__all__ = ["ANY_UV_MAP", "FACTOR", "MaterialExporter", "asked_attributes", "sampling_settings"]
+__all__ = ["ANY_UV_MAP", "FACTOR", "ISLAND", "MaterialExporter", "POINTINESS", "asked_attributes", "sampling_settings"]

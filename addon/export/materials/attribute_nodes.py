@@ -6,6 +6,7 @@ from typing import Any
 
 from ..object_attributes import OF_INSTANCER, object_name
 from .graph import Source
+from .surface_nodes import OF_SHAPE
 from .translation import TranslateValue, Translation
 
 FACTOR = "\tfactor"
@@ -82,6 +83,10 @@ def _volume_info(t: Translation, source: Source) -> Any:
 
 def asked_of(node: Any) -> list[str]:
     """Names under which a node asks meshes for attributes."""
+    if node.bl_idname == "ShaderNodeNewGeometry":
+        return [
+            OF_SHAPE[socket.identifier] for socket in node.outputs if socket.identifier in OF_SHAPE and socket.is_linked
+        ]
     name = attribute_name(node)
     if not name or getattr(node, "attribute_type", "GEOMETRY") != "GEOMETRY":
         return []

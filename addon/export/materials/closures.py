@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ..working_space import LINEAR_REC709, working_space
 from .graph import Context
 from .subsurface import subsurface
 from .translation import TranslateClosure, Translation
@@ -14,6 +15,9 @@ WHITE = [1.0, 1.0, 1.0]
 
 ROUGH_REFRACTION = 0.6
 """Roughness up to which refraction is as bright as in Cycles to some 2 %."""
+
+ANISOTROPIC_GLASS = bpy.app.version >= (5, 3, 0)
+"""True if what Principled transmits is anisotropic, too."""
 
 MULTIPLE_SCATTERING = "full" if bpy.app.version >= (5, 3, 0) else "dimmed"
 """Colour of what rough diffuse surfaces scatter more than once."""
@@ -53,12 +57,14 @@ def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
         fields["multiple_scattering"] = MULTIPLE_SCATTERING
     if fields["subsurface_weight"] != 0.0:
         fields["subsurface"] = subsurface(t, node, context, node.subsurface_method, "Subsurface ")
-        fields["thin_wall"] = t.value(node, "Thin Wall", context, 0.0)
-    _warn_of_thin_film(t, node, context)
-    if fields["transmission_weight"] != 0.0:
+    fields |= _film(t, node, context)
+    if ANISOTROPIC_GLASS and fields["anisotropic"] != 0.0:
+        fields["anisotropic_glass"] = True
+    thin_wall = t.value(node, "Thin Wall", context, 0.0)
+    if fields["transmission_weight"] != 0.0 and thin_wall == 0.0:
         _warn_of_rough_refraction(t, node, context)
-        if t.value(node, "Thin Wall", context, 0.0) != 0.0:
-            t.warn(f"node '{node.name}': thin walls of glass are not supported yet; taken as solid")
+    if thin_wall != 0.0 and (fields["subsurface_weight"] != 0.0 or fields["transmission_weight"] != 0.0):
+        fields["thin_wall"] = thin_wall
     if t.value(node, "Transmission Dispersion Scale", context, 0.0) != 0.0 and fields["transmission_weight"] != 0.0:
         t.warn(f"node '{node.name}': dispersion is not supported yet; all colours are refracted alike")
     return t.emit({"type": "principled", **fields, "distribution": distribution(t, node)})
@@ -72,10 +78,17 @@ def _warn_of_rough_refraction(t: Translation, node: bpy.types.Node, context: Con
         t.warn(f"node '{node.name}': refraction this rough is up to a tenth brighter in Cycles, by lamps behind it")
 
 
-def _warn_of_thin_film(t: Translation, node: bpy.types.Node, context: Context) -> None:
-    """Names a thin film as left out; glass and metal have it too from Blender 5.0 on."""
-    if t.value(node, "Thin Film Thickness", context, 0.0) != 0.0:
-        t.warn(f"node '{node.name}': thin film is not supported yet; left out")
+def _film(t: Translation, node: bpy.types.Node, context: Context) -> dict[str, Any]:
+    """The thin film of a node as a field of the JSON form; none if it has no thickness."""
+    thickness = t.value(node, "Thin Film Thickness", context, 0.0)
+    if thickness == 0.0:
+        return {}
+    is_new = bpy.app.version >= (5, 0, 0)
+    if working_space() != LINEAR_REC709:
+        t.warn(f"node '{node.name}': the colours of its thin film are those of {LINEAR_REC709}")
+    ior = t.value(node, "Thin Film IOR", context, 1.33)
+    model = {"model": "tabulated" if is_new else "fitted", "on_metal": is_new}
+    return {"film": {"thickness": thickness, "ior": ior, **model}}
 
 
 def distribution(t: Translation, node: bpy.types.Node) -> str:
@@ -148,11 +161,13 @@ def _nothing(_t: Translation, _node: bpy.types.Node, _context: Context) -> None:
 
 
 def _glass(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
-    _warn_of_thin_film(t, node, context)
-    if t.value(node, "Anisotropy", context, 0.0) != 0.0:
-        t.warn(f"node '{node.name}': anisotropic glass is not supported yet; taken as rough in every direction alike")
     _warn_of_rough_refraction(t, node, context)
-    return _simple("glass", COLOR, ROUGHNESS, IOR, NORMAL, microfacet=True)(t, node, context)
+    fields = (COLOR, ROUGHNESS, IOR, NORMAL)
+    values = {field: t.value(node, socket, context, default) for field, socket, default in fields}
+    if (anisotropy := t.value(node, "Anisotropy", context, 0.0)) != 0.0:
+        rotation, tangent = t.value(node, "Rotation", context, 0.0), t.value(node, "Tangent", context, None)
+        values |= {"anisotropy": anisotropy, "rotation": rotation, "tangent": tangent}
+    return t.emit({"type": "glass", **values, **_film(t, node, context), "distribution": distribution(t, node)})
 
 
 def _refraction(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
@@ -161,7 +176,6 @@ def _refraction(t: Translation, node: bpy.types.Node, context: Context) -> int |
 
 
 def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int:
-    _warn_of_thin_film(t, node, context)
     fields = (
         ("base_color", "Base Color", [0.617, 0.577, 0.540]),
         ("edge_tint", "Edge Tint", [0.695, 0.726, 0.770]),
@@ -172,7 +186,7 @@ def _metallic(t: Translation, node: bpy.types.Node, context: Context) -> int:
     )
     values = {field: t.value(node, socket, context, default) for field, socket, default in fields}
     kinds = {"fresnel": node.fresnel_type.lower(), "distribution": distribution(t, node)}
-    return t.emit({"type": "metallic", **kinds, **values})
+    return t.emit({"type": "metallic", **kinds, **values, **_film(t, node, context)})
 
 
 def _sheen(t: Translation, node: bpy.types.Node, context: Context) -> int | None:
@@ -196,6 +210,9 @@ CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeBsdfGlass": _glass,
     "ShaderNodeBsdfRefraction": _refraction,
     "ShaderNodeBsdfTranslucent": _simple("translucent", COLOR, NORMAL),
+    "ShaderNodeBsdfRayPortal": _simple(
+        "ray_portal", ("color", "Color", WHITE), ("position", "Position", None), ("direction", "Direction", [0.0] * 3)
+    ),
     "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),
     "ShaderNodeSubsurfaceScattering": _subsurface,
     "ShaderNodeHoldout": _simple("holdout"),
@@ -210,6 +227,4 @@ CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeVolumeCoefficients": _nothing,
 }
 
-FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
-    "ShaderNodeBsdfRayPortal": ("black", _nothing),
-}
+FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {}

@@ -22,8 +22,33 @@ import bpy
 
 from ...core.blackbody import blackbody_color
 
-Context = tuple[bpy.types.Node, ...]
-"""The group nodes around a node, outermost first."""
+
+class Iteration(NamedTuple):
+    """A round of a repeat zone, named by the zone's output node."""
+
+    zone: bpy.types.Node
+    number: int
+
+    def as_pointer(self) -> int:
+        """Number that no other round has."""
+        return hash((self.zone.as_pointer(), self.number))
+
+
+class Call(NamedTuple):
+    """An evaluation of a closure, whose zone is named by its output node."""
+
+    zone: bpy.types.Node
+    node: bpy.types.Node
+    around: Context
+    """What is around the node that evaluates it."""
+
+    def as_pointer(self) -> int:
+        """Number that no other evaluation has."""
+        return hash((self.node.as_pointer(), *(each.as_pointer() for each in self.around)))
+
+
+Context = tuple[bpy.types.Node | Iteration | Call, ...]
+"""The group nodes and rounds of zones around a node, outermost first."""
 
 LUMINANCE = (0.2126729, 0.7151522, 0.072175)
 """Weights of linear Rec.709 as the tracer has them, Cycles' conversion from colour to float."""
@@ -160,16 +185,19 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
             context, is_gap = (*context, node), False
             passed.append(socket.type)
             own_passed = len(passed)
-        elif node.bl_idname == "GeometryNodeMenuSwitch" and (chosen := _chosen(node, output, context)):
+        elif (step := _step(node, output, context)) is not None:
             passed.append(output.type)
-            owner = socket = chosen
-            is_gap, own_passed = False, len(passed)
+            if step.socket is None:
+                return _zero(output.type, passed)
+            owner = socket = step.socket
+            context, is_gap, own_passed = step.context, False, len(passed)
         elif node.bl_idname == "NodeGroupInput":
-            outer = _by_identifier(context[-1].inputs, output.identifier)
+            place, group = _innermost_group(context)
+            outer = _by_identifier(group.inputs, output.identifier)
             if outer is None:
                 return _zero(output.type, passed)
             owner = socket = outer
-            context, is_gap = context[:-1], False
+            context, is_gap = context[:place], False
             passed.append(socket.type)
             own_passed = len(passed)
         else:
@@ -178,12 +206,112 @@ def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
             return Source(node, output, context, tuple(reversed(passed)))
 
 
+class _Step(NamedTuple):
+    """An input that a node hands on to an output, and what is around it; no socket if the output is 0."""
+
+    socket: bpy.types.NodeSocket | None
+    context: Context
+
+
+def _step(node: bpy.types.Node, output: bpy.types.NodeSocket, context: Context) -> _Step | None:
+    """Where an output comes from that is an input of this or another node; None of other outputs."""
+    name = output.identifier
+    match node.bl_idname:
+        case "GeometryNodeMenuSwitch":
+            chosen = _chosen(node, output, context)
+            return _Step(chosen, context) if chosen else None
+        case "GeometryNodeSwitch" | "GeometryNodeIndexSwitch" | "NodeEnableOutput":
+            value = constant_value(node.inputs[0], context)
+            return _Step(_switched(node, value), context) if isinstance(value, float) else None
+        case "NodeImplicitConversion" | "GeometryNodeWarning":
+            return _Step(node.inputs[0], context)
+        case "GeometryNodeRepeatOutput":
+            return _after_rounds(node, name, context)
+        case "GeometryNodeRepeatInput" if name != "Iteration":
+            return _before_round(node, name, context)
+        case "NodeEvaluateClosure":
+            closure = trace(node.inputs["Closure"], context)
+            if not isinstance(closure, Source) or closure.node.bl_idname != "NodeClosureOutput":
+                return _Step(None, context)
+            inside = (*closure.context, Call(closure.node, node, context))
+            return _Step(closure.node.inputs.get(output.name), inside)
+        case "NodeClosureInput":
+            place = _innermost(context, node.paired_output)
+            call = context[place] if place is not None else None
+            return _Step(call.node.inputs.get(output.name), call.around) if isinstance(call, Call) else _Step(None, ())
+        case "NodeSeparateBundle":
+            return _of_bundle(trace(node.inputs[0], context), output.name) or _Step(None, context)
+    return None
+
+
+def _switched(node: bpy.types.Node, value: float) -> bpy.types.NodeSocket | None:
+    """The input that a switch shows at a value."""
+    choices = switch_choices(node)
+    if node.bl_idname == "GeometryNodeIndexSwitch":
+        return choices[int(value)] if 0 <= int(value) < len(choices) else None
+    return choices[value > 0.0]
+
+
+def switch_choices(node: bpy.types.Node) -> list[bpy.types.NodeSocket | None]:
+    """Inputs that a switch shows at 0, 1 and so on."""
+    inputs = [socket for socket in node.inputs[1:] if socket.identifier != "__extend__"]
+    return [None, *inputs] if node.bl_idname == "NodeEnableOutput" else inputs
+
+
+def _after_rounds(node: bpy.types.Node, name: str, context: Context) -> _Step | None:
+    """An item of a repeat zone after all rounds; None where their number varies."""
+    first = next((other for other in node.id_data.nodes if getattr(other, "paired_output", None) == node), None)
+    rounds = constant_value(first.inputs[0], context) if first is not None else 0.0
+    if not isinstance(rounds, float):
+        return None
+    if rounds < 1.0:
+        return _Step(_by_identifier(first.inputs, name) if first is not None else None, context)
+    return _Step(_by_identifier(node.inputs, name), (*context, Iteration(node, int(rounds) - 1)))
+
+
+def _before_round(node: bpy.types.Node, name: str, context: Context) -> _Step:
+    """An item of a repeat zone before the present round."""
+    place = _innermost(context, node.paired_output)
+    present = context[place] if place is not None else None
+    if place is None or not isinstance(present, Iteration) or present.number == 0:
+        return _Step(_by_identifier(node.inputs, name), context[:place])
+    before = (*context[:place], Iteration(present.zone, present.number - 1))
+    return _Step(_by_identifier(present.zone.inputs, name), before)
+
+
+def _innermost(context: Context, zone: bpy.types.Node | None) -> int | None:
+    """Place of the innermost round or evaluation of a zone."""
+    return next((i for i in reversed(range(len(context))) if getattr(context[i], "zone", None) == zone), None)
+
+
+def _innermost_group(context: Context) -> tuple[int, bpy.types.Node]:
+    groups = [(i, each) for i, each in enumerate(context) if not isinstance(each, Iteration | Call)]
+    return groups[-1]
+
+
+def _of_bundle(bundle: Source | Constant, name: str) -> _Step | None:
+    """The input that feeds an item of a bundle; None if it has no such item."""
+    if not isinstance(bundle, Source):
+        return None
+    node, context = bundle.node, bundle.context
+    if node.bl_idname == "NodeCombineBundle" and name in node.inputs:
+        return _Step(node.inputs[name], context)
+    if node.bl_idname == "NodeJoinBundle":
+        joined = (Source(link.from_node, link.from_socket, context) for link in node.inputs[0].links)
+        return next((found for each in joined if (found := _of_bundle(each, name)) is not None), None)
+    return None
+
+
 def _chosen(switch: bpy.types.Node, output: bpy.types.NodeSocket, context: Context) -> bpy.types.NodeSocket | None:
     """The input that a Menu Switch shows; None where its menu is not known, and of its other outputs."""
     menu = trace(switch.inputs[0], context)
-    if output != switch.outputs[0] or not isinstance(menu, Constant) or menu.owner is None:
+    if output != switch.outputs[0]:
         return None
-    return next((socket for socket in switch.inputs[1:] if socket.name == menu.owner.default_value), None)
+    if isinstance(menu, Source):
+        name = menu.node.value if menu.node.bl_idname == "FunctionNodeInputMenu" else None
+    else:
+        name = menu.owner.default_value if menu.owner is not None else None
+    return next((socket for socket in switch.inputs[1:] if socket.name == name), None)
 
 
 def _used_link(socket: bpy.types.NodeSocket) -> bpy.types.NodeLink | None:
@@ -202,7 +330,7 @@ def _inner(node: bpy.types.Node, output: bpy.types.NodeSocket) -> bpy.types.Node
 
 def _is_left_out(node: bpy.types.Node, context: Context) -> bool:
     if node.bl_idname == "NodeGroupInput":
-        return not context
+        return all(isinstance(each, Iteration | Call) for each in context)
     return node.mute or _is_unknown(node)
 
 
@@ -298,6 +426,14 @@ def node_constant(source: Source) -> Value | None:
             return float(node.boolean)
         case "FunctionNodeInputInt":
             return float(node.integer)
+        case "GeometryNodeRepeatInput":
+            place = _innermost(source.context, node.paired_output)
+            present = source.context[place] if place is not None else None
+            return float(present.number) if isinstance(present, Iteration) else 0.0
+        case "GeometryNodeInputSceneTime":
+            scene = bpy.context.scene
+            seconds = scene.frame_current_final * scene.render.fps_base / scene.render.fps
+            return seconds if source.socket.identifier == "Seconds" else float(scene.frame_current_final)
         case "FunctionNodeInputVector":
             return [*node.vector, 0.0][:3]  # It has two to four components.
     return None

@@ -72,6 +72,22 @@ def _texture(name: str, sockets: str, settings: dict[str, str]) -> TranslateValu
     return translate
 
 
+def _gabor(t: Translation, source: Source) -> Any:
+    node = source.node
+
+    def description() -> dict[str, Any]:
+        sockets = {"orientation": "Orientation 2D", "direction": "Orientation 3D"}
+        inputs = {socket.identifier: socket for socket in node.inputs}
+        values = {field: t.socket_value(inputs[name], source.context) for field, name in sockets.items()}
+        for field in ("scale", "frequency", "anisotropy"):
+            values[field] = t.value(node, field.title(), source.context)
+        values["vector"] = _vector(t, source, "gabor", values)
+        return {"type": "procedural", "texture": "gabor", "dimensions": node.gabor_type, **values}
+
+    output = {"Value": "x", "Phase": "y", "Intensity": "z"}[source.socket.identifier]
+    return {"node": t.once(source, description), "output": output}
+
+
 TEXTURES: dict[str, TranslateValue] = {
     "ShaderNodeTexNoise": _texture(
         "noise",
@@ -96,6 +112,7 @@ TEXTURES: dict[str, TranslateValue] = {
         "scale distortion detail detail_scale detail_roughness phase_offset",
         {"kind": "wave_type", "profile": "wave_profile"},
     ),
+    "ShaderNodeTexGabor": _gabor,
     "ShaderNodeTexMagic": _texture("magic", "scale distortion", {"depth": "turbulence_depth"}),
     "ShaderNodeTexBrick": _texture(
         "brick",

@@ -45,7 +45,7 @@ SURFACE_BEFORE = "undisplaced" if bpy.app.version >= (5, 0, 0) else "undisplaced
 """Surface on which Cycles bumps what is displaced as well, and maps normals if not told."""
 COMPUTED = {
     *("mix", "math", "vector_math", "map_range", "clamp", "color_ramp", "rgb_curves", "gamma"),
-    *("separate_xyz", "combine_xyz"),
+    *("separate_xyz", "combine_xyz", "integer_math"),
 }
 """Types of nodes that Blender computes where it inlines and their inputs are constants."""
 

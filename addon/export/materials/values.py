@@ -7,9 +7,11 @@ from typing import Any
 
 from ..object_attributes import OF_INSTANCER
 from .attribute_nodes import ATTRIBUTE_VALUES
+from .function_nodes import FUNCTION_VALUES
 from .graph import IS_INLINED, Source, convert
 from .image_nodes import IMAGE_VALUES
 from .procedural import TEXTURES
+from .surface_nodes import SURFACE_VALUES
 from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
 from .translation import SURFACE_BEFORE, TranslateValue, Translation
 from .vectors import VECTOR_VALUES, transformed
@@ -106,7 +108,8 @@ def _mix_rgb(t: Translation, source: Source) -> Any:
 VECTOR_OPERATIONS = {
     *("ADD", "SUBTRACT", "MULTIPLY", "DIVIDE", "MULTIPLY_ADD", "CROSS_PRODUCT", "PROJECT", "REFLECT"),
     *("DOT_PRODUCT", "DISTANCE", "LENGTH", "SCALE", "NORMALIZE", "ABSOLUTE", "MINIMUM", "MAXIMUM", "FLOOR"),
-    *("CEIL", "FRACTION", "MODULO", "SNAP", "SINE", "COSINE", "TANGENT"),
+    *("CEIL", "FRACTION", "MODULO", "SNAP", "SINE", "COSINE", "TANGENT", "WRAP", "FACEFORWARD", "REFRACT"),
+    *("SIGN", "POWER", "ROUND"),
 }
 
 
@@ -186,24 +189,6 @@ def _combine(mode: str | None) -> TranslateValue:
     return translate
 
 
-def _geometry(t: Translation, source: Source) -> Any:
-    outputs = {
-        "Position": "position",
-        "Normal": "normal",
-        "Tangent": "tangent",
-        "True Normal": "true_normal",
-        "Incoming": "incoming",
-        "Backfacing": "backfacing",
-    }
-    name = source.socket.identifier
-    if name not in outputs:
-        t.warn(f"node '{source.node.name}': output {name} is not supported yet; taken as constant 0.5")
-        return 0.5
-    if name == "Normal" and t.normal is not None:
-        return t.normal
-    return {"node": t.once(source, lambda: {"type": "geometry"}), "output": outputs[name]}
-
-
 def _object_info(t: Translation, source: Source) -> Any:
     outputs = {
         "Location": "location",
@@ -218,8 +203,6 @@ def _object_info(t: Translation, source: Source) -> Any:
 
 def _light_path(t: Translation, source: Source) -> Any:
     name = source.socket.identifier
-    if name == "Portal Depth":
-        return 0.0
     if t.in_medium:
         t.warn(f"node '{source.node.name}': light path '{source.socket.name}' of a volume is taken as for a camera ray")
         return 1.0 if name == "Is Camera Ray" else 0.0
@@ -325,27 +308,13 @@ def _rgb_to_bw(t: Translation, source: Source) -> Any:
     return {"node": t.once(source, description), "output": "value"}
 
 
-def _bevel(t: Translation, source: Source) -> Any:
-    t.warn(f"node '{source.node.name}': bevel is not supported yet; left out")
-    normal = t.value(source.node, "Normal", source.context, None)
-    return normal or {"node": t.once(source, lambda: {"type": "geometry"}), "output": "normal"}
-
-
-def _first_input(feature: str) -> TranslateValue:
-    """Nodes that change their input in a way that is not supported: the input itself is the nearest thing."""
-
-    def translate(t: Translation, source: Source) -> Any:
-        t.warn(f"node '{source.node.name}': {feature} is not supported yet; its input is used")
-        return t.value(source.node, 0, source.context)
-
-    return translate
-
-
 VALUES: dict[str, TranslateValue] = {
     **IMAGE_VALUES,
     **ATTRIBUTE_VALUES,
     **TEXTURES,
     **VECTOR_VALUES,
+    **SURFACE_VALUES,
+    **FUNCTION_VALUES,
     "ShaderNodeTexCoord": _texture_coordinate,
     "ShaderNodeMapping": _simple(
         "mapping",
@@ -428,9 +397,6 @@ VALUES: dict[str, TranslateValue] = {
         _simple("layer_weight", "facing", ("blend", "Blend", 0.5), ("normal", "Normal", None)),
         {"Fresnel": "fresnel", "Facing": "facing"},
     ),
-    "ShaderNodeNewGeometry": _geometry,
     "ShaderNodeObjectInfo": _object_info,
     "ShaderNodeLightPath": _light_path,
-    "ShaderNodeAmbientOcclusion": _first_input("ambient occlusion"),
-    "ShaderNodeBevel": _bevel,
 }

@@ -33,6 +33,7 @@ mod procedural;
 mod sockets;
 mod subsurface;
 mod texture;
+mod thin_film;
 mod validate;
 mod vdb;
 mod world;
@@ -57,8 +58,9 @@ pub use material::{Input, Material, NodeId, Output};
 pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
 pub use node::Node;
 pub use node_settings::{
-    Alpha, BlendMode, ColorMode, Curve, Distribution, MapRangeKind, MappingKind, MathOp, MetalFresnel,
-    MixData, MultipleScattering, NormalSpace, SheenModel, SurfaceBase, TexCoord, ToonComponent, VectorMathOp,
+    Alpha, BlendMode, ColorMode, Curve, Distribution, IntegerMathOp, MapRangeKind, MappingKind, MathOp,
+    MetalFresnel, MixData, MultipleScattering, NormalSpace, SheenModel, SurfaceBase, TangentKind, TexCoord,
+    ToonComponent, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use panorama::Panorama;
@@ -72,6 +74,7 @@ pub use procedural::{
 };
 pub use subsurface::{AlbedoInversion, Subsurface, SubsurfaceMethod, SubsurfaceModel};
 pub use texture::{ColorEncoding, Extension, ImageProjection, Interpolation, Texels, Texture, Tile};
+pub use thin_film::{FilmModel, ThinFilm};
 pub use validate::{MOST_RADIANCE, SceneFault};
 pub use vdb::VdbFile;
 pub use world::{World, WorldPart};

@@ -50,6 +50,20 @@ impl Material {
         self.nodes.iter().any(|node| matches!(node, Node::LightPath))
     }
 
+    /// True if its nodes look around by rays of their own.
+    pub fn looks_around(&self) -> bool {
+        self.nodes.iter().any(|node| matches!(node, Node::AmbientOcclusion { .. } | Node::Bevel { .. }))
+    }
+
+    /// True if rays have to find the object itself alone: from within, or for nodes that look around.
+    pub fn meets_itself(&self) -> bool {
+        let looks_at_itself = |node: &Node| match node {
+            Node::AmbientOcclusion { only_local, .. } => *only_local,
+            node => matches!(node, Node::Bevel { .. }),
+        };
+        self.has_subsurface() || self.nodes.iter().any(looks_at_itself)
+    }
+
     /// True if light may enter in one place and leave in another.
     pub fn has_subsurface(&self) -> bool {
         self.nodes.iter().any(|node| match node {
@@ -93,6 +107,7 @@ pub enum Output {
     TrueNormal,
     Incoming,
     Backfacing,
+    Parametric,
     Tangent,
     Location,
     ObjectIndex,
@@ -126,5 +141,6 @@ pub enum Output {
     DiffuseDepth,
     GlossyDepth,
     TransparentDepth,
+    PortalDepth,
     TransmissionDepth,
 }

@@ -1,9 +1,9 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, IesProfile, ImageProjection, Input,
-    Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData, MultipleScattering, NodeId,
-    NormalSpace, PhaseFunction, PrincipledHair, Procedural, SheenModel, Subsurface, SurfaceBase, TexCoord,
-    Tile, ToonComponent, VectorMathOp,
+    IntegerMathOp, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData,
+    MultipleScattering, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural, SheenModel,
+    Subsurface, SurfaceBase, TangentKind, TexCoord, ThinFilm, Tile, ToonComponent, VectorMathOp,
 };
 
 with_sockets! {
@@ -28,7 +28,7 @@ with_sockets! {
             /// Subsurface scattering of this weight; none is diffuse.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             subsurface: Option<Subsurface>,
-            /// A sheet without an inside where it is not 0; none is 0.
+            /// A sheet without an inside where it is not 0, of glass as of skin; none is 0.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             thin_wall: Option<Input>,
             specular_ior_level: Input,
@@ -47,6 +47,12 @@ with_sockets! {
             sheen_tint: Input,
             emission_color: Input,
             emission_strength: Input,
+            /// Film upon it; none is none.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            film: Option<ThinFilm>,
+            /// Glass is rough along the tangent, too.
+            #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+            anisotropic_glass: bool,
             distribution: Distribution,
         },
         Diffuse {
@@ -82,6 +88,8 @@ with_sockets! {
             rotation: Input,
             normal: Option<Input>,
             tangent: Option<Input>,
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            film: Option<ThinFilm>,
             distribution: Distribution,
         },
         Sheen {
@@ -102,6 +110,14 @@ with_sockets! {
             roughness: Input,
             ior: Input,
             normal: Option<Input>,
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            anisotropy: Option<Input>,
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            rotation: Option<Input>,
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            tangent: Option<Input>,
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            film: Option<ThinFilm>,
             distribution: Distribution,
         },
         Refraction {
@@ -134,6 +150,12 @@ with_sockets! {
         },
         Transparent {
             color: Input,
+        },
+        /// Rays go on at a position in world space, that of the hit if there is none, along a direction, their own if that is 0.
+        RayPortal {
+            color: Input,
+            position: Option<Input>,
+            direction: Input,
         },
         Emission {
             color: Input,
@@ -276,6 +298,12 @@ with_sockets! {
             b: Input,
             c: Input,
         },
+        IntegerMath {
+            operation: IntegerMathOp,
+            a: Input,
+            b: Input,
+            c: Input,
+        },
         VectorMath {
             operation: VectorMathOp,
             a: Input,
@@ -351,6 +379,30 @@ with_sockets! {
             z: Input,
         },
         // Geometry.
+        /// Share of rays about the normal, or about its opposite `inside`, that meet nothing nearer than the distance.
+        AmbientOcclusion {
+            samples: usize,
+            inside: bool,
+            only_local: bool,
+            color: Input,
+            distance: Input,
+            normal: Option<Input>,
+        },
+        /// Mean normal of the object's surface around the point.
+        Bevel {
+            samples: usize,
+            radius: Input,
+            normal: Option<Input>,
+        },
+        Tangent {
+            kind: TangentKind,
+            uv_map: String,
+        },
+        /// 1 near edges of triangles, else 0. `size` is the width of the lines in metres, or in pixels.
+        Wireframe {
+            in_pixels: bool,
+            size: Input,
+        },
         Fresnel {
             ior: Input,
             normal: Option<Input>,

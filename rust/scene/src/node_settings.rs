@@ -97,6 +97,20 @@ pub enum TexCoord {
     Reflection,
 }
 
+/// Direction of a Tangent node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TangentKind {
+    /// About the x axis of generated coordinates.
+    X,
+    /// About their y axis.
+    Y,
+    /// About their z axis.
+    Z,
+    /// Along u of a UV map.
+    UvMap,
+}
+
 /// Operation of a Mapping node on its vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -235,6 +249,31 @@ pub enum MathOp {
     Degrees,
 }
 
+/// Operations of an Integer Math node (names of Blender's `operation`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+#[expect(missing_docs, reason = "the names of Blender's enum")]
+pub enum IntegerMathOp {
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
+    MultiplyAdd,
+    Absolute,
+    Negate,
+    Power,
+    Minimum,
+    Maximum,
+    Sign,
+    DivideRound,
+    DivideFloor,
+    DivideCeil,
+    FlooredModulo,
+    Modulo,
+    Gcd,
+    Lcm,
+}
+
 /// Operations of a Vector Math node (names of Blender's `operation`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
@@ -264,6 +303,12 @@ pub enum VectorMathOp {
     Sine,
     Cosine,
     Tangent,
+    Wrap,
+    Faceforward,
+    Refract,
+    Sign,
+    Power,
+    Round,
 }
 
 /// Interpolation of a Map Range node.

@@ -197,6 +197,8 @@ fn principled(mtl: &tobj::Material, texture: Option<usize>) -> Material {
         emission_color: Input::Rgb(emissive),
         emission_strength: Input::Float(if emissive == [0.0; 3] { 0.0 } else { 1.0 }),
         distribution: Distribution::MultiGgx,
+        film: None,
+        anisotropic_glass: false,
     });
     let surface = Some(nodes.len() as u32 - 1);
     Material { name: mtl.name.clone(), nodes, surface, ..Material::default() }

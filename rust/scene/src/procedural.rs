@@ -227,6 +227,16 @@ with_sockets! {
             scale: Input,
             distortion: Input,
         },
+        /// Value in x, phase in y and intensity in z. `orientation` is an angle in 2D, `direction` a vector in 3D.
+        Gabor {
+            dimensions: Dimensions,
+            vector: Option<Input>,
+            scale: Input,
+            frequency: Input,
+            anisotropy: Input,
+            orientation: Input,
+            direction: Input,
+        },
         /// The factor is 1 on mortar.
         Brick(BrickTexture),
     }
@@ -243,6 +253,7 @@ impl Procedural {
             | Self::Voronoi(VoronoiTexture { vector, .. })
             | Self::Wave(WaveTexture { vector, .. })
             | Self::Magic { vector, .. }
+            | Self::Gabor { vector, .. }
             | Self::Brick(BrickTexture { vector, .. }) => vector,
         }
     }

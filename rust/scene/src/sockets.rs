@@ -1,11 +1,11 @@
 //! Input sockets of nodes, found by the types of their fields: a node that is declared in [`with_sockets`] cannot forget one.
 
 use crate::{
-    BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, GradientKind, HairComponent, HairModel,
-    HairPigment, IesProfile, ImageProjection, Input, Interpolation, MapRangeKind, MappingKind, MathOp,
-    MetalFresnel, Metric, MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace, SheenModel,
-    SubsurfaceModel, SurfaceBase, TexCoord, Tile, ToonComponent, VectorMathOp, VoronoiFeature, VoronoiHash,
-    WaveDirection, WaveKind, WaveProfile,
+    BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, FilmModel, GradientKind, HairComponent,
+    HairModel, HairPigment, IesProfile, ImageProjection, Input, IntegerMathOp, Interpolation, MapRangeKind,
+    MappingKind, MathOp, MetalFresnel, Metric, MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace,
+    SheenModel, SubsurfaceModel, SurfaceBase, TangentKind, TexCoord, Tile, ToonComponent, VectorMathOp,
+    VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -35,7 +35,7 @@ macro_rules! properties {
     };
 }
 
-properties![bool, f32, usize, NodeId, String, IesProfile, ImageProjection, Vec<Tile>];
+properties![FilmModel, bool, f32, usize, NodeId, String, IesProfile, ImageProjection, Vec<Tile>];
 properties![
     BlendMode,
     SurfaceBase,
@@ -48,7 +48,17 @@ properties![
     MappingKind
 ];
 properties![HairComponent, HairModel, HairPigment, MetalFresnel, SheenModel, ToonComponent];
-properties![MathOp, MixData, MultipleScattering, NormalSpace, SubsurfaceModel, TexCoord, VectorMathOp];
+properties![
+    IntegerMathOp,
+    MathOp,
+    MixData,
+    MultipleScattering,
+    NormalSpace,
+    SubsurfaceModel,
+    TangentKind,
+    TexCoord,
+    VectorMathOp
+];
 properties![Dimensions, GradientKind, Metric, NoiseKind, VoronoiFeature, VoronoiHash];
 properties![WaveDirection, WaveKind, WaveProfile];
 

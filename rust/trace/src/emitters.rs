@@ -216,7 +216,10 @@ pub(crate) fn may_be_transparent(material: &Material) -> bool {
         Node::PrincipledHair(hair) => {
             hair.model == HairModel::Huang && hair.aspect_ratio != Input::Float(1.0)
         }
-        Node::Principled { alpha, .. } => *alpha != Input::Float(1.0),
+        Node::Principled { alpha, thin_wall, transmission_weight, .. } => {
+            let is_pane = thin_wall.is_some() && *transmission_weight != Input::Float(0.0);
+            *alpha != Input::Float(1.0) || is_pane
+        }
         _ => false,
     })
 }

@@ -2,6 +2,7 @@
 
 mod collision;
 mod features;
+mod probes;
 mod shadow_path;
 mod travel;
 
@@ -270,7 +271,8 @@ impl Integrator<'_> {
     ) -> bool {
         scratch.surface.show(if walk.path.is_diffuse { self.settings.caustics() } else { Caustics::ALL });
         scratch.surface.set_after_diffuse(walk.path.was_diffuse);
-        self.materials.evaluate(self.scene, point, &mut scratch.surface);
+        let probes = self.probes(&walk.path, point, draws);
+        self.materials.evaluate_with(self.scene, point, probes.as_ref(), &mut scratch.surface);
         if walk.path.sees_background {
             let is_holdout = self.scene.instances[point.instance as usize].is_holdout;
             let held_out = scratch.surface.hold_out(is_holdout);
@@ -357,6 +359,11 @@ impl Integrator<'_> {
             features.record_surface(surface);
             return false;
         };
+        if let Some(position) = sample.portal {
+            features.attenuate(sample.weight);
+            self.jump(walk, point, &sample, position, sink);
+            return true;
+        }
         if sample.transparent {
             features.attenuate(sample.weight);
             path.pass_through(sample.weight, limits);

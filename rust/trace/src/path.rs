@@ -46,6 +46,7 @@ pub(crate) struct PathState {
     glossy: u32,
     transmission: u32,
     transparent: u32,
+    portals: u32,
     volume: u32,
     /// True if the current segment left a transparent surface.
     through_transparent: bool,
@@ -95,6 +96,7 @@ impl PathState {
             glossy: 0,
             transmission: 0,
             transparent: 0,
+            portals: 0,
             volume: 0,
             through_transparent: false,
             continues: false,
@@ -132,6 +134,7 @@ impl PathState {
             glossy_depth: self.glossy,
             transmission_depth: self.transmission,
             transparent_depth: self.transparent,
+            portal_depth: self.portals,
         }
     }
 
@@ -146,6 +149,7 @@ impl PathState {
             glossy_depth: self.glossy - event(Lobe::Glossy),
             transmission_depth: self.transmission - event(Lobe::Transmission),
             transparent_depth: self.transparent,
+            portal_depth: self.portals,
             ..RayInfo::default()
         }
     }
@@ -232,6 +236,13 @@ impl PathState {
             self.transparent >= limits.transparent.saturating_add(limits.more_transparent);
     }
 
+    /// Goes on at another position through a portal, as through a transparent surface.
+    pub fn jump(&mut self, position: Vec3, weight: Vec3, limits: &BounceLimits) {
+        self.pass_through(weight, limits);
+        self.portals += 1;
+        (self.origin, self.continues, self.unlit, self.left_out) = (position, false, false, None);
+    }
+
     /// Number of transparent surfaces that light may pass on its way straight to the surface that the path is on.
     pub fn transparent_left(&self, limits: &BounceLimits) -> u32 {
         limits.transparent.saturating_sub(self.transparent)
@@ -281,6 +292,7 @@ mod tests {
             singular: false,
             alpha_squared: 1.0,
             transparent: false,
+            portal: None,
             lights_only: false,
             unlit: false,
         }

@@ -61,6 +61,12 @@ impl Draws {
         self.sampler.draw(self.sample, self.group.wrapping_add(distance))
     }
 
+    /// Four numbers of one of the parts that the sample has, stratified over all parts of all samples.
+    pub fn part(self, distance: u32, part: u32, parts: u32) -> [f32; GROUP_SIZE] {
+        let sample = self.sample.wrapping_mul(parts).wrapping_add(part);
+        self.sampler.draw(sample, self.group.wrapping_add(distance))
+    }
+
     /// Those whose own group is so far from this one's.
     pub fn moved(self, distance: u32) -> Self {
         Self { group: self.group.wrapping_add(distance), ..self }

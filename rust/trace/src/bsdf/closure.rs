@@ -29,8 +29,12 @@ pub enum Scatter {
     Translucent,
     /// Rough diffuse scattering to the other side.
     RoughTranslucent(OrenNayar),
+    /// Facets of a sheet, whose reflection is mirrored to the other side.
+    ThroughSheet(Microfacet),
     /// Straight through.
     Transparent,
+    /// To another place.
+    Portal(Portal),
     /// Reflection and refraction by facets.
     Microfacet(Microfacet),
     /// Phong-like reflection.
@@ -45,6 +49,15 @@ pub enum Scatter {
     Subsurface(Bssrdf),
     /// Fibre, which scatters to all sides. Its normal is not consulted.
     Hair(Hair),
+}
+
+/// Place and direction in which rays go on.
+#[derive(Clone, Copy, Debug)]
+pub struct Portal {
+    /// World space.
+    pub position: Vec3,
+    /// Unit direction.
+    pub direction: Vec3,
 }
 
 /// A direction that one closure chose. `value` is its `f |cos|` without the closure's weight and `pdf` its density;
@@ -94,11 +107,10 @@ impl Closure {
                 (Vec3::splat(pdf), pdf)
             }
             Scatter::RoughTranslucent(model) => {
-                // What goes through is what a mirror in the surface would reflect.
-                let mirrored = wi - self.normal * (2.0 * self.normal.dot(wi));
-                (model.eval(wo, mirrored), cosine_pdf(-self.normal.dot(wi)))
+                (model.eval(wo, self.mirrored(wi)), cosine_pdf(-self.normal.dot(wi)))
             }
-            Scatter::Transparent | Scatter::Subsurface(_) => (Vec3::ZERO, 0.0),
+            Scatter::ThroughSheet(model) => model.eval(wo, self.mirrored(wi)),
+            Scatter::Transparent | Scatter::Portal(_) | Scatter::Subsurface(_) => (Vec3::ZERO, 0.0),
             Scatter::Microfacet(model) => model.eval(wo, wi),
             Scatter::AshikhminShirley(model) => {
                 let (value, pdf) = model.eval(wo, wi);
@@ -135,6 +147,13 @@ impl Closure {
     ) -> Option<ClosureSample> {
         let (wi, lobe, singular) = match &self.scatter {
             Scatter::Microfacet(model) => return model.sample(wo, sides, u),
+            Scatter::ThroughSheet(model) => {
+                let [geometric, shading] =
+                    [sides.geometric, sides.shading].map(|normal| -self.mirrored(normal));
+                let sample = model.sample(wo, SideNormals { geometric, shading }, u)?;
+                let wi = self.mirrored(sample.wi);
+                return Some(ClosureSample { wi, lobe: Lobe::Transmission, transmitted: 1.0, ..sample });
+            }
             Scatter::Subsurface(_) => return None,
             Scatter::Hair(model) => {
                 let (wi, lobe, response) = model.sample(u, is_mixed())?;
@@ -143,9 +162,10 @@ impl Closure {
                 let reach = if model.is_lit(wi) { SampleReach::Path } else { SampleReach::Unlit };
                 return Some(ClosureSample { wi, value, pdf, singular: false, lobe, reach, transmitted });
             }
-            Scatter::Transparent => {
+            Scatter::Transparent | Scatter::Portal(_) => {
+                let wi = self.portal().map_or(-wo, |portal| portal.direction);
                 return Some(ClosureSample {
-                    wi: -wo,
+                    wi,
                     value: Vec3::ONE,
                     pdf: 1.0,
                     singular: true,
@@ -190,12 +210,23 @@ impl Closure {
         }
     }
 
+    /// The portal that it is.
+    pub(crate) fn portal(&self) -> Option<Portal> {
+        if let Scatter::Portal(portal) = self.scatter { Some(portal) } else { None }
+    }
+
     /// True if what it reflects is glossy, not diffuse.
     pub fn is_glossy(&self) -> bool {
         match &self.scatter {
             Scatter::Toon(model) => model.is_glossy,
             scatter => {
-                matches!(scatter, Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) | Scatter::Hair(_))
+                matches!(
+                    scatter,
+                    Scatter::Microfacet(_)
+                        | Scatter::ThroughSheet(_)
+                        | Scatter::AshikhminShirley(_)
+                        | Scatter::Hair(_)
+                )
             }
         }
     }
@@ -217,9 +248,11 @@ impl Closure {
 
     pub(crate) fn sharpness(&self) -> Sharpness {
         match &self.scatter {
-            Scatter::Transparent | Scatter::Subsurface(_) => Sharpness::Singular,
+            Scatter::Transparent | Scatter::Portal(_) | Scatter::Subsurface(_) => Sharpness::Singular,
             Scatter::AshikhminShirley(model) if model.is_singular() => Sharpness::Singular,
-            Scatter::Microfacet(model) if model.is_singular() => Sharpness::Singular,
+            Scatter::Microfacet(model) | Scatter::ThroughSheet(model) if model.is_singular() => {
+                Sharpness::Singular
+            }
             Scatter::Microfacet(model)
                 if model.interface != Interface::Reflection && model.is_unbending() =>
             {
@@ -232,7 +265,8 @@ impl Closure {
     /// True if some directions that have a density lead to the other side.
     pub(crate) fn transmits(&self) -> bool {
         match &self.scatter {
-            Scatter::Translucent | Scatter::RoughTranslucent(_) | Scatter::Hair(_) => true,
+            Scatter::Translucent | Scatter::RoughTranslucent(_) => true,
+            Scatter::ThroughSheet(_) | Scatter::Hair(_) => true,
             Scatter::Microfacet(model) => model.interface != Interface::Reflection,
             _ => false,
         }
@@ -243,7 +277,8 @@ impl Closure {
         match &self.scatter {
             Scatter::Microfacet(_) if self.normal.dot(wi) < 0.0 => Lobe::Transmission,
             Scatter::Microfacet(_) | Scatter::AshikhminShirley(_) | Scatter::Hair(_) => Lobe::Glossy,
-            Scatter::Translucent | Scatter::RoughTranslucent(_) | Scatter::Transparent => Lobe::Transmission,
+            Scatter::Translucent | Scatter::RoughTranslucent(_) => Lobe::Transmission,
+            Scatter::ThroughSheet(_) | Scatter::Transparent | Scatter::Portal(_) => Lobe::Transmission,
             Scatter::Toon(model) => toon_lobe(model),
             Scatter::Diffuse | Scatter::OrenNayar(_) | Scatter::Subsurface(_) => Lobe::Diffuse,
             Scatter::Sheen(_) | Scatter::Velvet(_) => Lobe::Diffuse,
@@ -253,9 +288,9 @@ impl Closure {
     /// Perceptual roughness: 1 for diffuse closures, 0 for what does not blur.
     pub fn roughness(&self) -> f32 {
         match &self.scatter {
-            Scatter::Microfacet(model) => model.roughness(),
+            Scatter::Microfacet(model) | Scatter::ThroughSheet(model) => model.roughness(),
             Scatter::AshikhminShirley(model) => model.roughness(),
-            Scatter::Transparent => 0.0,
+            Scatter::Transparent | Scatter::Portal(_) => 0.0,
             _ => 1.0,
         }
     }
@@ -273,7 +308,7 @@ impl Closure {
     /// Widens glossy models to at least `alpha`.
     pub fn widen(&mut self, alpha: f32) {
         match &mut self.scatter {
-            Scatter::Microfacet(model) => {
+            Scatter::Microfacet(model) | Scatter::ThroughSheet(model) => {
                 model.distribution.alpha_x = model.distribution.alpha_x.max(alpha);
                 model.distribution.alpha_y = model.distribution.alpha_y.max(alpha);
             }
@@ -281,6 +316,11 @@ impl Closure {
             Scatter::Hair(model) => model.widen(alpha),
             _ => {}
         }
+    }
+
+    /// A direction mirrored in the surface: what goes through a sheet is what a mirror in it would reflect.
+    fn mirrored(&self, direction: Vec3) -> Vec3 {
+        direction - self.normal * (2.0 * self.normal.dot(direction))
     }
 
     fn shadowing(&self, smooth: Vec3, wi: Vec3) -> f32 {

@@ -18,6 +18,14 @@ pub fn dielectric(cos_i: f32, eta: f32) -> (f32, f32) {
     (0.5 * (perpendicular * perpendicular + parallel * parallel), cos_t)
 }
 
+/// Reflectance of a dielectric whose curve is stretched to begin at `f0`, and cosine of the refracted angle.
+pub fn stretched(cos: f32, eta: f32, f0: Vec3) -> (Vec3, f32) {
+    let (f, cos_t) = dielectric(cos, eta);
+    let real = f0_from_ior(eta);
+    let rise = ((f - real) / (1.0 - real)).clamp(0.0, 1.0);
+    (f0 + (1.0 - f0) * rise, cos_t)
+}
+
 /// True if the two sides have the same index, so that refraction is a straight line however rough the surface.
 pub fn is_unbending(eta: f32) -> bool {
     (eta - 1.0).abs() < 1e-4
@@ -65,6 +73,12 @@ impl F82 {
     pub fn new(f0: Vec3, tint: Vec3) -> Self {
         let schlick = f0 + (1.0 - f0) * Self::SCHLICK_AT_82;
         Self { f0, b: schlick * Self::PEAK * (1.0 - tint) }
+    }
+
+    /// Reflectance `f0` head on, and `edge` at 82 degrees, in each channel alike.
+    pub fn through(f0: f32, edge: f32) -> Self {
+        let schlick = f0 + (1.0 - f0) * Self::SCHLICK_AT_82;
+        Self { f0: Vec3::splat(f0), b: Vec3::splat((schlick - edge) * Self::PEAK) }
     }
 
     /// Reflectance at an angle.

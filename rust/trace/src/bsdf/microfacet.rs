@@ -10,6 +10,7 @@ use relume_dump::Lobe;
 use super::closure::ClosureSample;
 use super::distribution::MicrofacetDistribution;
 use super::energy;
+use super::film::Film;
 use super::frame::ShadingFrame;
 use super::fresnel::{self, Conductor, F82};
 use super::normal::{SampleReach, SideNormals};
@@ -40,11 +41,13 @@ pub enum Fresnel {
         reflection: Vec3,
         /// Factor on what is transmitted.
         transmission: Vec3,
+        /// Film upon it.
+        film: Option<Film>,
     },
     /// A metal by its colours.
-    Metal(F82),
+    Metal(F82, Option<Film>),
     /// A metal by its index of refraction.
-    Conductor(Conductor),
+    Conductor(Conductor, Option<Film>),
 }
 
 /// A rough interface.
@@ -67,15 +70,16 @@ pub struct Microfacet {
 impl Microfacet {
     /// Blackens a side of glass, with the split between the sides unchanged.
     pub fn keep_sides(&mut self, reflection: bool, transmission: bool) {
-        let (f0, old_reflection, old_transmission) = match self.fresnel {
-            Fresnel::Tinted { f0, reflection, transmission } => (f0, reflection, transmission),
-            _ => (Vec3::splat(fresnel::f0_from_ior(self.ior)), Vec3::ONE, Vec3::ONE),
+        let (f0, old_reflection, old_transmission, film) = match self.fresnel {
+            Fresnel::Tinted { f0, reflection, transmission, film } => (f0, reflection, transmission, film),
+            _ => (Vec3::splat(fresnel::f0_from_ior(self.ior)), Vec3::ONE, Vec3::ONE, None),
         };
         let keep = |keep: bool, tint: Vec3| if keep { tint } else { Vec3::ZERO };
         self.fresnel = Fresnel::Tinted {
             f0,
             reflection: keep(reflection, old_reflection),
             transmission: keep(transmission, old_transmission),
+            film,
         };
     }
 
@@ -108,15 +112,22 @@ impl Microfacet {
                 let (f, cos_t) = fresnel::dielectric(cos, self.ior);
                 (Vec3::splat(f), Vec3::splat(1.0 - f), cos_t)
             }
-            Fresnel::Tinted { f0, reflection, transmission } => {
-                let (f, cos_t) = fresnel::dielectric(cos, self.ior);
-                let real_f0 = fresnel::f0_from_ior(self.ior);
-                let rise = ((f - real_f0) / (1.0 - real_f0)).clamp(0.0, 1.0);
-                let f = f0 + (1.0 - f0) * rise;
+            Fresnel::Tinted { f0, reflection, transmission, film: Some(film) } => {
+                let (f, cos_t) = film.stretched(cos, self.ior, f0);
                 (f * reflection, (1.0 - f) * transmission, cos_t)
             }
-            Fresnel::Metal(metal) => (metal.reflectance(cos), Vec3::ZERO, 0.0),
-            Fresnel::Conductor(metal) => (metal.reflectance(cos), Vec3::ZERO, 0.0),
+            Fresnel::Tinted { f0, reflection, transmission, film: None } => {
+                let (f, cos_t) = fresnel::stretched(cos, self.ior, f0);
+                (f * reflection, (1.0 - f) * transmission, cos_t)
+            }
+            Fresnel::Metal(metal, film) => {
+                let bare = || metal.reflectance(cos);
+                (film.map_or_else(bare, |film| film.on_metal(cos, &metal)), Vec3::ZERO, 0.0)
+            }
+            Fresnel::Conductor(metal, film) => {
+                let bare = || metal.reflectance(cos);
+                (film.map_or_else(bare, |film| film.on_conductor(cos, &metal)), Vec3::ZERO, 0.0)
+            }
         };
         match self.interface {
             Interface::Reflection => (reflected, Vec3::ZERO, cos_t),
@@ -137,13 +148,14 @@ impl Microfacet {
         let rough_dielectric = |f0: Vec3| f0 + (1.0 - f0) * energy::dielectric_rise(roughness, cos, self.ior);
         let reflected = match self.fresnel {
             Fresnel::None => Vec3::ONE,
+            Fresnel::Tinted { film: Some(_), .. } | Fresnel::Metal(_, Some(_)) => self.split(cos).0,
             Fresnel::Tinted { f0, reflection, .. } => rough_dielectric(f0) * reflection,
             Fresnel::Dielectric if self.ior > 1.0 => {
                 rough_dielectric(Vec3::splat(fresnel::f0_from_ior(self.ior)))
             }
             Fresnel::Dielectric => Vec3::splat(fresnel::dielectric(cos, self.ior).0),
-            Fresnel::Conductor(metal) => metal.reflectance(cos),
-            Fresnel::Metal(metal) => metal.f0 + (1.0 - metal.f0) * energy::schlick_rise(roughness, cos),
+            Fresnel::Conductor(..) => self.split(cos).0,
+            Fresnel::Metal(metal, None) => metal.f0 + (1.0 - metal.f0) * energy::schlick_rise(roughness, cos),
         };
         (reflected, transmitted)
     }

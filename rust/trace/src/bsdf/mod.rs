@@ -11,11 +11,13 @@ mod closure;
 mod diffuse;
 mod distribution;
 mod energy;
+mod film;
 mod frame;
 mod fresnel;
 mod hair;
 mod microfacet;
 mod normal;
+mod observer;
 mod sheen;
 mod surface;
 #[cfg(test)]
@@ -26,12 +28,14 @@ mod velvet;
 pub use ashikhmin::AshikhminShirley;
 pub(crate) use bssrdf::BodyEntry;
 pub use bssrdf::Bssrdf;
-pub use closure::{Closure, Scatter};
+pub use closure::{Closure, Portal, Scatter};
 pub use diffuse::OrenNayar;
 pub use distribution::{MicrofacetDistribution, SlopeDistribution};
 pub use energy::Compensation;
+pub use film::Film;
 pub use frame::ShadingFrame;
-pub use fresnel::{Conductor, F82, dielectric, dielectric_mean, f0_from_ior, ior_from_f0};
+pub(crate) use frame::sample_cosine;
+pub use fresnel::{Conductor, F82, dielectric, dielectric_mean, f0_from_ior, ior_from_f0, stretched};
 pub use hair::{
     Chiang, ChiangParameters, Fibre, Hair, HairLobe, HairSide, Huang, HuangParameters, absorption_of_color,
     absorption_of_melanin,

@@ -37,6 +37,8 @@ pub struct BsdfSample {
     pub alpha_squared: f32,
     /// True if the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
     pub transparent: bool,
+    /// Place in which the path goes on, if not at the surface; counts as a transparent bounce.
+    pub portal: Option<Vec3>,
     /// True if `wi` is between the true and the shading surface: the ray then only lights the surface, see
     /// [`SampleReach::Lights`].
     pub lights_only: bool,
@@ -66,6 +68,7 @@ impl Caustics {
     fn filter(self, mut scatter: Scatter) -> Option<Scatter> {
         let is_seen = match &mut scatter {
             Scatter::AshikhminShirley(_) => self.reflective,
+            Scatter::ThroughSheet(_) => self.refractive,
             Scatter::Toon(model) if model.is_glossy => self.reflective,
             Scatter::Microfacet(facets) => match facets.interface {
                 Interface::Reflection => self.reflective,
@@ -313,6 +316,7 @@ impl Surface {
             singular: choice.singular,
             alpha_squared: closure.alpha_squared(),
             transparent: matches!(closure.scatter, Scatter::Transparent),
+            portal: closure.portal().map(|portal| portal.position),
             lights_only: choice.reach == SampleReach::Lights,
             unlit: choice.reach == SampleReach::Unlit,
         })
@@ -362,6 +366,7 @@ impl Surface {
             singular: false,
             alpha_squared: closure.alpha_squared(),
             transparent: false,
+            portal: None,
             lights_only: reach == SampleReach::Lights,
             unlit: false,
         })

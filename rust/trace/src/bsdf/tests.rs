@@ -80,6 +80,13 @@ fn models() -> Vec<(&'static str, Build)> {
         ("rough translucent", |wo| {
             Scatter::RoughTranslucent(OrenNayar::new(Vec3::Z, 0.8, Vec3::ONE, MultipleScattering::Full, wo))
         }),
+        ("through a sheet", |_| {
+            let Scatter::Microfacet(model) = microfacet(Ggx, Reflection, (0.4, 0.4), 1.0, Fresnel::None)
+            else {
+                unreachable!()
+            };
+            Scatter::ThroughSheet(model)
+        }),
         ("sheen smooth", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.3, wo).unwrap().0)),
         ("sheen rough", |wo| Scatter::Sheen(Sheen::new(Vec3::Z, 0.9, wo).unwrap().0)),
         ("velvet", |_| Scatter::Velvet(Velvet::new(Vec3::Z, 0.5))),
@@ -100,11 +107,11 @@ fn models() -> Vec<(&'static str, Build)> {
         ("beckmann anisotropic", |_| microfacet(Beckmann, Reflection, (0.6, 0.3), 1.0, Fresnel::None)),
         ("metal", |_| {
             let f82 = F82::new(Vec3::new(0.9, 0.6, 0.2), Vec3::splat(0.8));
-            microfacet(Ggx, Reflection, (0.3, 0.3), 1.0, Fresnel::Metal(f82))
+            microfacet(Ggx, Reflection, (0.3, 0.3), 1.0, Fresnel::Metal(f82, None))
         }),
         ("conductor", |_| {
             let copper = Conductor { ior: Vec3::new(0.2, 0.92, 1.1), extinction: Vec3::new(3.9, 2.4, 2.2) };
-            microfacet(Ggx, Reflection, (0.3, 0.3), 1.0, Fresnel::Conductor(copper))
+            microfacet(Ggx, Reflection, (0.3, 0.3), 1.0, Fresnel::Conductor(copper, None))
         }),
         ("refraction", |_| microfacet(Ggx, Refraction, (0.3, 0.3), 1.4, Fresnel::None)),
         ("refraction from inside", |_| microfacet(Ggx, Refraction, (0.3, 0.3), 1.0 / 1.4, Fresnel::None)),
@@ -120,8 +127,18 @@ fn models() -> Vec<(&'static str, Build)> {
                 f0: Vec3::new(0.08, 0.04, 0.02),
                 reflection: Vec3::ONE,
                 transmission: Vec3::new(0.9, 0.5, 0.1),
+                film: None,
             };
             microfacet(Ggx, Glass, (0.5, 0.5), 1.5, fresnel)
+        }),
+        ("glass with a film", |_| {
+            let fresnel = Fresnel::Tinted {
+                f0: Vec3::splat(0.04),
+                reflection: Vec3::ONE,
+                transmission: Vec3::ONE,
+                film: Film::new(420.0, 1.33, relume_scene::FilmModel::Tabulated),
+            };
+            microfacet(Ggx, Glass, (0.5, 0.3), 1.5, fresnel)
         }),
     ]
 }

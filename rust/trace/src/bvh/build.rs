@@ -29,16 +29,16 @@ const REINSERTION_RATIO: f32 = 0.05;
 /// ones are copied into the world, since entering an instance costs about as much as two node tests.
 pub(super) const SHARED_MESH_TRIANGLES: usize = 64;
 
-/// Builds all trees of `scene`. Meshes that light scatters in have a tree of their own, which [`super::SceneBvh::intersect_within`]
-/// walks.
+/// Builds all trees of `scene`. Meshes that rays look for alone have a tree of their own, which
+/// [`super::SceneBvh::intersect_within`] walks.
 pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     let mut uses = vec![0_usize; scene.meshes.len()];
     let mut is_body = vec![false; scene.meshes.len()];
-    let scatters: Vec<bool> = scene.materials.iter().map(Material::has_subsurface).collect();
+    let is_alone: Vec<bool> = scene.materials.iter().map(Material::meets_itself).collect();
     for instance in &scene.instances {
         if let Geometry::Mesh(mesh) = instance.geometry {
             uses[mesh] += 1;
-            is_body[mesh] |= instance.materials.iter().any(|m| scatters.get(*m) == Some(&true));
+            is_body[mesh] |= instance.materials.iter().any(|m| is_alone.get(*m) == Some(&true));
         }
     }
     let in_world = |mesh: usize| !is_body[mesh] && (uses[mesh] == 1 || is_small(&scene.meshes[mesh]));

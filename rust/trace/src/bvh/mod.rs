@@ -142,7 +142,8 @@ impl SceneBvh {
         self.walk::<false>(ray).map(|found| self.hit(ray, &found))
     }
 
-    /// The nearest hit with one instance alone, on either side and whatever sees it. Its mesh has to scatter light inside.
+    /// The nearest hit with one instance alone, on either side and whatever sees it. A material of its
+    /// mesh has to ask for that ([`relume_scene::Material::meets_itself`]).
     pub fn intersect_within(&self, ray: &Ray, instance: u32) -> Option<Hit> {
         let placement = self.placements[instance as usize];
         // Nothing can be met of what is scaled to nothing.

@@ -1,5 +1,5 @@
 //! Records of lights where shadow rays see the scene otherwise than paths: objects without shadow or hidden from other rays,
-//! materials without transparent shadows, and shaders that ask Light Path.
+//! materials without transparent shadows, and shaders that ask Light Path or look around.
 //!
 //! Cycles meets lights from dull surfaces and media by shadow rays. The records of a path stand for these, so there they lead
 //! where a shadow ray would go, and the path itself goes on beside them without lights, up to where it is scattered. What Cycles
@@ -63,7 +63,8 @@ const PIECES: u32 = 1 << 12;
 const KINDS: u8 = 0b11_1111;
 
 fn differs(material: &Material) -> bool {
-    may_be_transparent(material) && (material.opaque_shadows || material.asks_light_path())
+    may_be_transparent(material)
+        && (material.opaque_shadows || material.asks_light_path() || material.looks_around())
 }
 
 impl Walk {

@@ -5,15 +5,20 @@ use relume_dump::{End, Lobe, Segment};
 
 use super::{Features, Integrator, PathSink, Walk};
 use crate::{
+    bsdf::BsdfSample,
     bvh::Ray,
     media::{
         Bounds, Flight, HullCrossing, Landing, Media, MediaScratch, MediaSpace, TrackingNumbers, VolumeStack,
     },
+    ray_offset::offset_origin,
     shading::{Hit, SurfacePoint},
 };
 
 /// Throughput below which a path may end where it is not scattered.
 const FAINT: f32 = 0.05;
+
+/// Squared distance in square metres up to which a portal leads to where it is.
+const SAME_PLACE: f32 = 1e-9;
 
 /// What a path meets next.
 pub(super) enum Arrival {
@@ -117,6 +122,28 @@ impl Integrator<'_> {
         if let (Some(media), Some(route)) = (&self.media, &mut walk.route) {
             self.cross_media_in_body(media, entry, exit, &mut route.stack);
         }
+    }
+
+    /// Sends a path on at a position, along the direction of a sample. Only the path itself finds lights from there, as in Cycles.
+    pub(super) fn jump(
+        &self,
+        walk: &mut Walk,
+        point: &SurfacePoint,
+        sample: &BsdfSample,
+        position: Vec3,
+        sink: &mut impl PathSink,
+    ) {
+        let segment = walk.path.segment(End::Vertex(position));
+        sink.push(Segment { throughput: Vec3::ZERO, continues: false, ..segment });
+        walk.path.jump(position, sample.weight, &self.settings.bounces);
+        walk.ray = Ray { direction: sample.wi, t_min: 0.0, t_max: f32::INFINITY, ..walk.ray };
+        if point.position.distance_squared(position) > SAME_PLACE {
+            (walk.ray.origin, walk.ray.from) = (position, None);
+        } else {
+            offset_origin(&mut walk.ray, point);
+        }
+        walk.last = None;
+        walk.begin_segment(position);
     }
 
     /// Takes a stack along the straight way through a body, into and out of the media of others that begin or end inside of it, as

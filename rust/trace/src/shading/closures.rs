@@ -3,7 +3,9 @@
 use std::f32::consts::TAU;
 
 use glam::{Quat, Vec3, Vec4};
-use relume_scene::{Distribution, MetalFresnel, MultipleScattering, Node, NodeId, SheenModel, ToonComponent};
+use relume_scene::{
+    Distribution, MetalFresnel, MultipleScattering, Node, NodeId, SheenModel, ThinFilm, ToonComponent,
+};
 
 use super::evaluate::{Known, ShadingContext};
 use super::graph::Aid;
@@ -12,9 +14,9 @@ use super::principled::{self, Parameters};
 use super::subsurface::{self, BodyParameters};
 use super::values::NodeInputs;
 use crate::bsdf::{
-    AshikhminShirley, Compensation, Conductor, F82, Fresnel, Interface, Microfacet, MicrofacetDistribution,
-    OrenNayar, Scatter, ShadingFrame, Sheen, SlopeDistribution, Surface, Toon, Velvet,
-    ensure_valid_reflection, f0_from_ior,
+    AshikhminShirley, Compensation, Conductor, F82, Film, Fresnel, Interface, Microfacet,
+    MicrofacetDistribution, OrenNayar, Portal, Scatter, ShadingFrame, Sheen, SlopeDistribution, Surface,
+    Toon, Velvet, ensure_valid_reflection, f0_from_ior,
 };
 
 /// Adds the closures of `node` and of those below it, `weight` of them.
@@ -118,6 +120,12 @@ fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known,
             };
             subsurface::add(&body, color * weight, color, &boundary, point, surface);
         }
+        Node::RayPortal { color, position, direction } => {
+            let position = position.as_ref().map_or(point.position, |input| known.vector(input));
+            let direction = known.vector(direction).normalize_or(-point.wo);
+            let scatter = Scatter::Portal(Portal { position, direction });
+            surface.add(known.vector(color) * weight, Vec3::ONE, point.shading_normal, scatter);
+        }
         Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
         Node::Holdout => surface.add_holdout(weight),
         Node::Emission { color, strength } => {
@@ -135,14 +143,9 @@ fn add_interface(context: &ShadingContext, node: &Node, weight: f32, known: &Kno
             let color = known.vector(color).max(Vec3::ZERO);
             let alpha = known.float(roughness).clamp(0.0, 1.0).powi(2);
             let normal = context.specular_normal(known.normal(normal));
-            let anisotropy = known.float(anisotropy).clamp(-0.99, 0.99);
-            let (frame, alphas) = if anisotropy.abs() <= 1e-4 {
-                (ShadingFrame::from_normal(normal), (alpha, alpha))
-            } else {
-                let tangent = turned(known.tangent(tangent), normal, known.float(rotation));
-                let stretch = if anisotropy < 0.0 { 1.0 / (1.0 + anisotropy) } else { 1.0 - anisotropy };
-                (ShadingFrame::from_tangent(normal, tangent), (alpha * stretch, alpha / stretch))
-            };
+            let (frame, alphas) = stretched(alpha, known.float(anisotropy), normal, || {
+                turned(known.tangent(tangent), normal, known.float(rotation))
+            });
             add_glossy(surface, color, weight, *distribution, normal, frame, alphas);
         }
         Node::Metallic {
@@ -157,18 +160,20 @@ fn add_interface(context: &ShadingContext, node: &Node, weight: f32, known: &Kno
             normal,
             tangent,
             distribution,
+            film,
         } => {
+            let film = read_film(film, known);
             let unit = |input| known.vector(input).clamp(Vec3::ZERO, Vec3::ONE);
             let (fresnel, mean) = match fresnel {
                 MetalFresnel::F82 => {
                     let metal = F82::new(unit(base_color), unit(edge_tint));
-                    (Fresnel::Metal(metal), metal.mean())
+                    (Fresnel::Metal(metal, film), metal.mean())
                 }
                 MetalFresnel::PhysicalConductor => {
                     let [ior, extinction] =
                         [ior, extinction].map(|input| known.vector(input).max(Vec3::ZERO));
                     let metal = Conductor { ior, extinction };
-                    (Fresnel::Conductor(metal), metal.as_f82().mean())
+                    (Fresnel::Conductor(metal, film), metal.as_f82().mean())
                 }
             };
             let normal = context.specular_normal(known.normal(normal));
@@ -190,20 +195,30 @@ fn add_interface(context: &ShadingContext, node: &Node, weight: f32, known: &Kno
             let mean = (*distribution == Distribution::MultiGgx).then_some(mean);
             add_microfacet(surface, Vec3::splat(weight), normal, model, mean);
         }
-        Node::Glass { color, roughness, ior, normal, distribution } => {
+        Node::Glass { color, roughness, ior, normal, distribution, anisotropy, rotation, tangent, film } => {
             let color = known.vector(color).max(Vec3::ZERO);
             let ior = known.float(ior).max(1e-5);
             let alpha = known.float(roughness).clamp(0.0, 1.0).powi(2);
             let normal = context.specular_normal(known.normal(normal));
-            let fresnel =
-                Fresnel::Tinted { f0: Vec3::splat(f0_from_ior(ior)), reflection: color, transmission: color };
+            let film = read_film(film, known);
+            let fresnel = Fresnel::Tinted {
+                f0: Vec3::splat(f0_from_ior(ior)),
+                reflection: color,
+                transmission: color,
+                film: if point.backfacing { film.map(|film| film.from_within(ior)) } else { film },
+            };
             let ior = if point.backfacing { 1.0 / ior } else { ior };
+            let anisotropy = anisotropy.map_or(0.0, |input| known.float(&input));
+            let rotation = rotation.map_or(0.0, |input| known.float(&input));
+            let (frame, (alpha_x, alpha_y)) =
+                stretched(alpha, anisotropy, normal, || turned(known.tangent(tangent), normal, rotation));
+            let [alpha_x, alpha_y] = [alpha_x, alpha_y].map(|alpha| alpha.clamp(0.0, 1.0));
             let model = Microfacet {
-                distribution: isotropic(*distribution, alpha),
+                distribution: MicrofacetDistribution { alpha_x, alpha_y, ..isotropic(*distribution, alpha) },
                 interface: Interface::Glass,
                 ior,
                 fresnel,
-                frame: ShadingFrame::from_normal(normal),
+                frame,
                 energy_scale: 1.0,
             };
             let mean = (*distribution == Distribution::MultiGgx).then_some(color);
@@ -224,6 +239,27 @@ fn add_interface(context: &ShadingContext, node: &Node, weight: f32, known: &Kno
         }
         _ => {}
     }
+}
+
+/// Tangents and the widths along them of facets of mean width `alpha`, by the anisotropy of Glossy and Glass BSDF.
+fn stretched(
+    alpha: f32,
+    anisotropy: f32,
+    normal: Vec3,
+    tangent: impl FnOnce() -> Vec3,
+) -> (ShadingFrame, (f32, f32)) {
+    let anisotropy = anisotropy.clamp(-0.99, 0.99);
+    if anisotropy.abs() <= 1e-4 {
+        return (ShadingFrame::from_normal(normal), (alpha, alpha));
+    }
+    let stretch = if anisotropy < 0.0 { 1.0 / (1.0 + anisotropy) } else { 1.0 - anisotropy };
+    (ShadingFrame::from_tangent(normal, tangent()), (alpha * stretch, alpha / stretch))
+}
+
+/// The film of a node; nothing if it has none.
+pub fn read_film(film: &Option<ThinFilm>, inputs: &impl NodeInputs) -> Option<Film> {
+    let film = film.as_ref()?;
+    Film::new(inputs.float(&film.thickness), inputs.float(&film.ior).max(1e-5), film.model)
 }
 
 fn add_glossy(

@@ -1,7 +1,7 @@
 //! Texture coordinates, their mapping, and the points about a hit where bump heights are taken.
 
 use glam::{Mat3, Vec2, Vec3};
-use relume_scene::{MappingKind, Projection, TexCoord};
+use relume_scene::{MappingKind, Projection, SurfaceBase, TangentKind, TexCoord};
 
 use super::evaluate::ShadingContext;
 use super::math::safe_divide_vector;
@@ -96,4 +96,44 @@ pub fn shifted(context: &ShadingContext, offset: Vec3) -> SurfacePoint {
     let u = point.barycentrics[0] + offset.cross(along_v).dot(normal) * scale;
     let v = point.barycentrics[1] + along_u.cross(offset).dot(normal) * scale;
     SurfacePoint { position: point.position + offset, barycentrics: [u, v], ..*point }
+}
+
+impl ShadingContext<'_> {
+    /// World-space tangent of a Tangent node; 0 along a UV map that the mesh lacks.
+    pub(super) fn chosen_tangent(&self, kind: TangentKind, uv_map: usize) -> Vec3 {
+        let from_middle = || generated(self) - 0.5;
+        let tangent = match kind {
+            TangentKind::X => Vec3::new(0.0, -from_middle().z, from_middle().y),
+            TangentKind::Y => Vec3::new(-from_middle().z, 0.0, from_middle().x),
+            TangentKind::Z => Vec3::new(-from_middle().y, from_middle().x, 0.0),
+            TangentKind::UvMap => {
+                let tangents = self.prepared.tangents(self.point.geometry, uv_map, SurfaceBase::Shaded);
+                let Some(tangents) = tangents.filter(|_| self.mesh().is_some()) else { return Vec3::ZERO };
+                self.interpolate(|corner| tangents[corner].truncate())
+            }
+        };
+        let (normal, tangent) =
+            (self.point.shading_normal, self.prepared.world_normal(self.point.instance, tangent));
+        normal.cross(tangent.cross(normal).normalize_or_zero())
+    }
+
+    /// True within half of `size` of an edge of the triangle, in metres or pixels (Cycles' `svm/wireframe.h`).
+    pub(super) fn is_near_edge(&self, in_pixels: bool, size: f32) -> bool {
+        let Some(mesh) = self.mesh() else { return false };
+        let point = self.point;
+        let pixel = || {
+            let (x, y) = footprint_axes(point.geometric_normal);
+            let across = |axis: Vec3| (axis - point.wo * axis.dot(point.wo)).length();
+            point.footprint * (across(x) + across(y)) * 0.5
+        };
+        let reach = 0.5 * size * if in_pixels { pixel() } else { 1.0 };
+        let world_from_object = self.instance().world_from_object;
+        let corners = mesh.triangles[point.primitive as usize]
+            .map(|vertex| world_from_object.transform_point3(mesh.positions[vertex as usize]));
+        (0..3).any(|corner| {
+            let edge = corners[corner] - corners[(corner + 2) % 3];
+            let area = edge.cross(point.position - corners[corner]);
+            area.length_squared() < edge.length_squared() * reach * reach
+        })
+    }
 }

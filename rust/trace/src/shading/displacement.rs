@@ -55,7 +55,8 @@ impl PreparedMaterials {
             strand: None,
             ray: RayInfo::default(),
         };
-        let context = ShadingContext { prepared: self, scene, graph, point: &point, assumed: &[] };
+        let context =
+            ShadingContext { prepared: self, scene, graph, point: &point, assumed: &[], probes: None };
         values.resize(graph.nodes.len(), Vec4::ZERO);
         context.run(&offset.needs, values, &mut []);
         let moved = Known { context: &context, values }.vector(&offset.input);

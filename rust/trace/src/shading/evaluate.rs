@@ -1,14 +1,17 @@
 //! Values of nodes at a surface point.
 
 use glam::{Vec2, Vec3, Vec4};
-use relume_scene::{Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Scene, SurfaceBase};
+use relume_scene::{
+    Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Scene, SurfaceBase, TangentKind,
+};
 
 use super::coordinates;
 use super::graph::{Aid, Graph, rotation};
 use super::image::Image;
 use super::prepared::NamedAttribute;
+use super::probes::Occlusion;
 use super::values::{NodeInputs, evaluate_pure};
-use super::{PointInfo, PreparedMaterials, StrandInfo, SurfacePoint, procedural, strands};
+use super::{PointInfo, PreparedMaterials, Probes, StrandInfo, SurfacePoint, procedural, strands};
 use crate::bsdf;
 
 /// Point at which a graph is evaluated.
@@ -20,6 +23,8 @@ pub struct ShadingContext<'a> {
     pub point: &'a SurfacePoint,
     /// Values that grids are taken to have at the point, by their name numbers.
     pub assumed: &'a [(usize, Vec4)],
+    /// Rays of nodes that look around; nothing where they cannot.
+    pub(super) probes: Option<&'a Probes<'a>>,
 }
 
 /// A context with the values known so far.
@@ -42,6 +47,10 @@ impl NodeInputs for Known<'_, '_> {
             Output::TrueNormal => point.geometric_normal.extend(1.0),
             Output::Incoming => point.wo.extend(1.0),
             Output::Backfacing => flag(point.backfacing),
+            Output::Parametric => {
+                let [u, v] = point.barycentrics;
+                Vec4::new(1.0 - u - v, u, 0.0, 1.0)
+            }
             Output::Tangent => context.tangent().extend(1.0),
             Output::Location => Vec3::from(instance.world_from_object.translation).extend(1.0),
             Output::ObjectIndex => Vec4::splat(instance.pass_index as f32),
@@ -70,6 +79,7 @@ impl NodeInputs for Known<'_, '_> {
             Output::DiffuseDepth => Vec4::splat(point.ray.diffuse_depth as f32),
             Output::GlossyDepth => Vec4::splat(point.ray.glossy_depth as f32),
             Output::TransmissionDepth => Vec4::splat(point.ray.transmission_depth as f32),
+            Output::PortalDepth => Vec4::splat(point.ray.portal_depth as f32),
             Output::TransparentDepth => Vec4::splat(point.ray.transparent_depth as f32),
             _ => self.values[node as usize],
         }
@@ -169,6 +179,28 @@ impl<'a> ShadingContext<'a> {
             }
             Node::Bump { base: SurfaceBase::Shaded, .. } => self.bump(index, values, scratch),
             Node::Bump { base, .. } => self.undisplaced_bump(index, *base, values, scratch),
+            Node::AmbientOcclusion { samples, inside, only_local, color, distance, normal } => {
+                let normal = known.normal(normal);
+                let axis = if *inside { -normal } else { normal };
+                let (samples, only_local) = (*samples, *only_local);
+                let occlusion = Occlusion { axis, distance: known.float(distance), samples, only_local };
+                let openness = self.probes.map_or(1.0, |probes| probes.openness(self, &occlusion));
+                return (known.vector(color) * openness).extend(openness);
+            }
+            Node::Bevel { samples, radius, normal } => {
+                let smooth = self.point.shading_normal;
+                let radius = known.float(radius);
+                let rounded =
+                    self.probes.map_or(smooth, |probes| probes.rounded_normal(self, radius, *samples));
+                match normal {
+                    Some(normal) => (known.vector(normal) + (rounded - smooth)).normalize_or(smooth),
+                    None => rounded,
+                }
+            }
+            Node::Tangent { kind, .. } => self.chosen_tangent(*kind, self.attribute(index)),
+            Node::Wireframe { in_pixels, size } => {
+                return Vec4::splat(f32::from(self.is_near_edge(*in_pixels, known.float(size))));
+            }
             Node::Geometry => self.point.shading_normal,
             Node::ObjectInfo => return Vec4::from(self.instance().color),
             Node::Fresnel { ior, normal } => {
@@ -262,11 +294,7 @@ impl<'a> ShadingContext<'a> {
         if let Some(strand) = &self.point.strand {
             return strand.tangent.normalize_or_zero();
         }
-        let generated = coordinates::generated(self);
-        let about_z = Vec3::new(0.5 - generated.y, generated.x - 0.5, 0.0);
-        let normal = self.point.shading_normal;
-        let tangent = self.prepared.world_normal(self.point.instance, about_z);
-        normal.cross(tangent.cross(normal).normalize_or_zero())
+        self.chosen_tangent(TangentKind::Z, 0)
     }
 
     pub(super) fn normal_map(

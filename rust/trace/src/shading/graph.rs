@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use glam::{Mat3, Vec3, Vec4};
-use relume_scene::{Displacement, Input, Material, Node, NodeId, NormalSpace, Output};
+use relume_scene::{Displacement, Input, Material, Node, NodeId, NormalSpace, Output, TangentKind};
 
 use super::principled::Parameters;
 use super::values::{NodeInputs, component, evaluate_pure};
@@ -278,6 +278,11 @@ impl Graph {
                 Aid::Fields([color, density, temperature])
             }
             Node::NormalMap { uv_map, .. } => {
+                let number = number_of(&mut names.uv_maps, uv_map);
+                names.tangents.insert(number);
+                Aid::Attribute(number)
+            }
+            Node::Tangent { kind: TangentKind::UvMap, uv_map } => {
                 let number = number_of(&mut names.uv_maps, uv_map);
                 names.tangents.insert(number);
                 Aid::Attribute(number)

@@ -1,7 +1,7 @@
 //! Blender's Math, Vector Math and Map Range nodes, with their safe variants of what is undefined.
 
 use glam::Vec3;
-use relume_scene::{MapRangeKind, MathOp, VectorMathOp};
+use relume_scene::{IntegerMathOp, MapRangeKind, MathOp, VectorMathOp};
 
 /// `a / b`, and 0 where `b` is 0.
 pub fn safe_divide(a: f32, b: f32) -> f32 {
@@ -44,6 +44,14 @@ fn smooth_minimum(a: f32, b: f32, distance: f32) -> f32 {
     }
     let h = (distance - (a - b).abs()).max(0.0) / distance;
     a.min(b) - h * h * h * distance / 6.0
+}
+
+/// Direction of a ray of unit length behind a surface, with `eta` the ratio of refractive indices before and behind; 0 where
+/// all of it is reflected.
+fn refract(incident: Vec3, normal: Vec3, eta: f32) -> Vec3 {
+    let cos = normal.dot(incident);
+    let squared = 1.0 - eta * eta * (1.0 - cos * cos);
+    if squared < 0.0 { Vec3::ZERO } else { incident * eta - normal * (eta * cos + squared.sqrt()) }
 }
 
 /// The Math node.
@@ -111,6 +119,56 @@ pub fn math(operation: MathOp, a: f32, b: f32, c: f32) -> f32 {
     }
 }
 
+/// The Integer Math node; results beyond 32 bits start anew at the other end.
+pub fn integer_math(operation: IntegerMathOp, a: i32, b: i32, c: i32) -> i32 {
+    let is_divided = b != 0;
+    let floored = |a: i32, b: i32| {
+        let quotient = a.wrapping_div(b);
+        quotient - i32::from(a.wrapping_rem(b) != 0 && (a < 0) != (b < 0))
+    };
+    match operation {
+        IntegerMathOp::Add => a.wrapping_add(b),
+        IntegerMathOp::Subtract => a.wrapping_sub(b),
+        IntegerMathOp::Multiply => a.wrapping_mul(b),
+        IntegerMathOp::MultiplyAdd => a.wrapping_mul(b).wrapping_add(c),
+        IntegerMathOp::Absolute => a.wrapping_abs(),
+        IntegerMathOp::Negate => a.wrapping_neg(),
+        IntegerMathOp::Power if b >= 0 => a.wrapping_pow(b as u32),
+        IntegerMathOp::Power => match a {
+            1 => 1,
+            -1 => 1 - 2 * (b & 1),
+            _ => 0,
+        },
+        IntegerMathOp::Minimum => a.min(b),
+        IntegerMathOp::Maximum => a.max(b),
+        IntegerMathOp::Sign => a.signum(),
+        IntegerMathOp::Divide if is_divided => a.wrapping_div(b),
+        IntegerMathOp::DivideRound if is_divided => {
+            let (a, b) = (i64::from(a), i64::from(b));
+            ((2 * a.abs() + b.abs()) / (2 * b.abs()) * a.signum() * b.signum()) as i32
+        }
+        IntegerMathOp::DivideFloor if is_divided => floored(a, b),
+        IntegerMathOp::DivideCeil if is_divided => floored(a, b.wrapping_neg()).wrapping_neg(),
+        IntegerMathOp::FlooredModulo if is_divided => a.wrapping_rem(b).wrapping_add(b).wrapping_rem(b),
+        IntegerMathOp::Modulo if is_divided => a.wrapping_rem(b),
+        IntegerMathOp::Gcd => divisor(a, b),
+        IntegerMathOp::Lcm => match divisor(a, b) {
+            0 => 0,
+            divisor => (a / divisor).wrapping_mul(b).wrapping_abs(),
+        },
+        _ => 0,
+    }
+}
+
+/// Greatest common divisor; 0 of two zeros.
+fn divisor(a: i32, b: i32) -> i32 {
+    let (mut a, mut b) = (a.wrapping_abs(), b.wrapping_abs());
+    while b != 0 {
+        (a, b) = (b, a.wrapping_rem(b));
+    }
+    a
+}
+
 /// The Vector Math node; results that are numbers are in every component.
 pub fn vector_math(operation: VectorMathOp, a: Vec3, b: Vec3, c: Vec3, scale: f32) -> Vec3 {
     match operation {
@@ -143,6 +201,21 @@ pub fn vector_math(operation: VectorMathOp, a: Vec3, b: Vec3, c: Vec3, scale: f3
         VectorMathOp::Sine => a.map(f32::sin),
         VectorMathOp::Cosine => a.map(f32::cos),
         VectorMathOp::Tangent => a.map(f32::tan),
+        VectorMathOp::Wrap => Vec3::new(wrap(a.x, b.x, c.x), wrap(a.y, b.y, c.y), wrap(a.z, b.z, c.z)),
+        VectorMathOp::Faceforward => {
+            if c.dot(b) < 0.0 {
+                a
+            } else {
+                -a
+            }
+        }
+        VectorMathOp::Refract => refract(a, b.normalize_or_zero(), scale),
+        VectorMathOp::Sign => {
+            Vec3::select(a.cmpgt(Vec3::ZERO), Vec3::ONE, Vec3::ZERO)
+                - Vec3::select(a.cmplt(Vec3::ZERO), Vec3::ONE, Vec3::ZERO)
+        }
+        VectorMathOp::Power => Vec3::new(safe_power(a.x, b.x), safe_power(a.y, b.y), safe_power(a.z, b.z)),
+        VectorMathOp::Round => (a + 0.5).floor(),
     }
 }
 
@@ -175,6 +248,17 @@ mod tests {
         assert_eq!(math(MathOp::Modulo, 3.0, 0.0, 0.0), 0.0);
         assert_eq!(vector_math(VectorMathOp::Divide, Vec3::ONE, Vec3::X, Vec3::ZERO, 0.0), Vec3::X);
         assert_eq!(vector_math(VectorMathOp::Project, Vec3::ONE, Vec3::ZERO, Vec3::ZERO, 0.0), Vec3::ZERO);
+    }
+
+    #[test]
+    fn whole_numbers_are_divided_as_in_blender() {
+        use IntegerMathOp::{DivideCeil, DivideFloor, DivideRound, FlooredModulo, Gcd, Lcm, Modulo, Power};
+        let of = |operation, a, b| integer_math(operation, a, b, 0);
+        assert_eq!([of(DivideFloor, -7, 2), of(DivideCeil, -7, 2), of(DivideRound, -7, 2)], [-4, -3, -4]);
+        assert_eq!([of(DivideFloor, 7, 2), of(DivideCeil, 7, 2), of(DivideRound, 5, 3)], [3, 4, 2]);
+        assert_eq!([of(Modulo, -7, 3), of(FlooredModulo, -7, 3), of(Modulo, 5, 0)], [-1, 2, 0]);
+        assert_eq!([of(Gcd, -12, 18), of(Lcm, 4, -6), of(Lcm, 0, 0)], [6, 12, 0]);
+        assert_eq!([of(Power, -2, 3), of(Power, -1, -3), of(Power, 3, -1)], [-8, -1, 0]);
     }
 
     #[test]

@@ -137,8 +137,10 @@ pub struct RayInfo {
     pub glossy_depth: u32,
     /// Transmissions before the point.
     pub transmission_depth: u32,
-    /// Transparent surfaces before the point.
+    /// Transparent surfaces before the point, portals included.
     pub transparent_depth: u32,
+    /// Portals before the point.
+    pub portal_depth: u32,
 }
 
 impl RayInfo {
@@ -158,6 +160,7 @@ impl RayInfo {
         glossy_depth: 1,
         transmission_depth: 1,
         transparent_depth: 1,
+        portal_depth: 1,
     };
 
     /// A ray straight to a light from a vertex that this ray met, at `origin`.
@@ -167,7 +170,8 @@ impl RayInfo {
 
     /// What an emitter sees of a ray to it from a vertex that this ray met, at `origin`.
     pub fn to_emitter(&self, origin: Vec3) -> Self {
-        let Self { depth, diffuse_depth, glossy_depth, transmission_depth, transparent_depth, .. } = *self;
+        let Self { depth, diffuse_depth, glossy_depth, transmission_depth, .. } = *self;
+        let Self { transparent_depth, portal_depth, .. } = *self;
         let depth = depth + 1;
         Self {
             origin,
@@ -176,6 +180,7 @@ impl RayInfo {
             glossy_depth,
             transmission_depth,
             transparent_depth,
+            portal_depth,
             ..Self::default()
         }
     }

@@ -1,7 +1,7 @@
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec4};
 use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Mesh, Points, Scene,
-    SurfaceBase, UvMap,
+    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Material, Mesh, Points,
+    Scene, SurfaceBase, UvMap,
 };
 
 use super::closures::shade;
@@ -12,7 +12,7 @@ use super::tangents::{corner_tangents, spherical_coords, undisplaced_positions};
 use super::texture::{PreparedTexture, equirectangular};
 use super::values::NodeInputs;
 use super::volumes::shade_medium;
-use super::{Hit, MediumPoint, RayInfo, StrandPoint, SurfacePoint};
+use super::{Hit, MediumPoint, Probes, RayInfo, StrandPoint, SurfacePoint};
 use crate::bsdf::{Scatter, Surface};
 use crate::media::MediumSample;
 
@@ -31,6 +31,8 @@ pub struct PreparedMaterials {
     /// Object of the world's medium.
     pub(super) space: Instance,
     fields: PreparedFields,
+    /// True if nodes look around by rays of their own.
+    pub(crate) looks_around: bool,
 }
 
 /// Everything about one mesh that does not depend on the hit.
@@ -116,6 +118,7 @@ impl PreparedMaterials {
                 .collect(),
             space,
             fields: PreparedFields::new(scene, &names.attributes),
+            looks_around: scene.materials.iter().any(Material::looks_around),
         };
         (prepared, warnings)
     }
@@ -170,8 +173,19 @@ impl PreparedMaterials {
         }
     }
 
-    /// Fills `surface` with the closures and the emission at `point`.
+    /// Fills `surface` with the closures and the emission at `point`. Nodes that look around see nothing.
     pub fn evaluate(&self, scene: &Scene, point: &SurfacePoint, surface: &mut Surface) {
+        self.evaluate_with(scene, point, None, surface);
+    }
+
+    /// Fills `surface`, likewise, with rays for nodes that look around from `point`.
+    pub(crate) fn evaluate_with(
+        &self,
+        scene: &Scene,
+        point: &SurfacePoint,
+        probes: Option<&Probes<'_>>,
+        surface: &mut Surface,
+    ) {
         surface.reset(point);
         let instance = &scene.instances[point.instance as usize];
         surface.end_before_horizon(instance.shadow_terminator_shading);
@@ -182,7 +196,7 @@ impl PreparedMaterials {
         };
         let graph = &self.graphs[material];
         if let Some(root) = graph.surface {
-            let context = ShadingContext { prepared: self, scene, graph, point, assumed: &[] };
+            let context = ShadingContext { prepared: self, scene, graph, point, assumed: &[], probes };
             let mut values = surface.take_values(2 * graph.nodes.len());
             let (own, scratch) = values.split_at_mut(graph.nodes.len());
             if let Some(normal) = &graph.normal {
@@ -196,13 +210,19 @@ impl PreparedMaterials {
     }
 
     /// Normal by which light leaves a body at `point`: that of its shader. What is in `surface` is of no meaning after.
-    pub(crate) fn exit_normal(&self, scene: &Scene, point: &SurfacePoint, surface: &mut Surface) -> Vec3 {
+    pub(crate) fn exit_normal(
+        &self,
+        scene: &Scene,
+        point: &SurfacePoint,
+        probes: Option<&Probes<'_>>,
+        surface: &mut Surface,
+    ) -> Vec3 {
         let instance = &scene.instances[point.instance as usize];
         let material = instance.material_of(scene, point.primitive as usize);
         if !material.is_some_and(|material| self.graphs[material].bends_exits) {
             return point.shading_normal;
         }
-        self.evaluate(scene, point, surface);
+        self.evaluate_with(scene, point, probes, surface);
         surface.body_normal().unwrap_or(point.shading_normal)
     }
 
@@ -220,7 +240,7 @@ impl PreparedMaterials {
         let graph = &self.graphs[material];
         let Some(root) = graph.volume else { return };
         let point = point.without_surface(scene);
-        let context = ShadingContext { prepared: self, scene, graph, point: &point, assumed };
+        let context = ShadingContext { prepared: self, scene, graph, point: &point, assumed, probes: None };
         values.resize(2 * graph.nodes.len(), Vec4::ZERO);
         let (own, scratch) = values.split_at_mut(graph.nodes.len());
         shade_medium(&context, root, context.instance().density_factor, own, scratch, medium);

@@ -4,13 +4,13 @@
 use glam::Vec3;
 use relume_scene::{Distribution, MultipleScattering, Node};
 
-use super::closures::{add_microfacet, diffuse, facets, turned};
+use super::closures::{add_microfacet, diffuse, facets, isotropic, read_film, turned};
 use super::evaluate::{Known, ShadingContext};
 use super::subsurface::{self, BodyParameters, Boundary};
 use super::values::NodeInputs;
 use crate::bsdf::{
-    F82, Fresnel, Interface, Microfacet, MicrofacetDistribution, Scatter, ShadingFrame, Sheen,
-    SlopeDistribution, Surface, WEIGHT_CUTOFF, dielectric_mean, f0_from_ior, ior_from_f0,
+    Compensation, F82, Film, Fresnel, Interface, Microfacet, MicrofacetDistribution, Scatter, ShadingFrame,
+    Sheen, SlopeDistribution, Surface, WEIGHT_CUTOFF, dielectric_mean, f0_from_ior, ior_from_f0, stretched,
 };
 
 /// The node's inputs but for its directions, clamped as Cycles clamps them.
@@ -40,6 +40,9 @@ pub struct Parameters {
     sheen_tint: Vec3,
     emission: Vec3,
     is_multi_ggx: bool,
+    film: Option<Film>,
+    film_on_metal: bool,
+    anisotropic_glass: bool,
 }
 
 /// The node's directions at a point.
@@ -95,6 +98,8 @@ impl Parameters {
             emission_color,
             emission_strength,
             distribution,
+            film,
+            anisotropic_glass,
         } = node
         else {
             return None;
@@ -127,6 +132,9 @@ impl Parameters {
             sheen_tint: color(sheen_tint),
             emission: inputs.vector(emission_color) * inputs.float(emission_strength),
             is_multi_ggx: *distribution == Distribution::MultiGgx,
+            film: read_film(film, inputs),
+            film_on_metal: film.as_ref().is_some_and(|film| film.on_metal),
+            anisotropic_glass: *anisotropic_glass,
         })
     }
 
@@ -171,7 +179,12 @@ pub fn add(node: &Node, p: &Parameters, known: &Known, weight: f32, surface: &mu
         weight *= 1.0 - p.metallic;
     }
     if p.transmission_weight > WEIGHT_CUTOFF {
-        add_glass(context, p, weight * p.transmission_weight, normal, surface);
+        let own = weight * p.transmission_weight;
+        if p.is_thin {
+            add_pane(context, p, own, normal, surface);
+        } else {
+            add_glass(context, p, own, normal, directions.tangent, surface);
+        }
         weight *= 1.0 - p.transmission_weight;
     }
     if weight.max_element() <= 0.0 {
@@ -270,30 +283,77 @@ fn add_metal(p: &Parameters, weight: Vec3, normal: Vec3, tangent: Vec3, surface:
         distribution,
         interface: Interface::Reflection,
         ior: 1.0,
-        fresnel: Fresnel::Metal(metal),
+        fresnel: Fresnel::Metal(metal, p.film.filter(|_| p.film_on_metal)),
         frame,
         energy_scale: 1.0,
     };
     add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then(|| metal.mean()));
 }
 
-fn add_glass(context: &ShadingContext, p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) {
-    let alpha = p.roughness * p.roughness;
+fn add_glass(
+    context: &ShadingContext,
+    p: &Parameters,
+    weight: Vec3,
+    normal: Vec3,
+    tangent: Vec3,
+    surface: &mut Surface,
+) {
+    let anisotropic = if p.anisotropic_glass { p.anisotropic } else { 0.0 };
+    let (frame, distribution) = facets(p.roughness, anisotropic, normal, tangent);
     let tint = p.reflectance().map(f32::sqrt);
     let f0 = (p.specular_tint * f0_from_ior(p.ior)).clamp(Vec3::ZERO, Vec3::ONE);
+    let is_within = context.point.backfacing;
+    let film = if is_within { p.film.map(|film| film.from_within(p.ior)) } else { p.film };
     let model = Microfacet {
-        distribution: MicrofacetDistribution {
-            shape: SlopeDistribution::Ggx,
-            alpha_x: alpha,
-            alpha_y: alpha,
-        },
+        distribution,
         interface: Interface::Glass,
-        ior: if context.point.backfacing { 1.0 / p.ior } else { p.ior },
-        fresnel: Fresnel::Tinted { f0, reflection: Vec3::ONE, transmission: tint },
-        frame: ShadingFrame::from_normal(normal),
+        ior: if is_within { 1.0 / p.ior } else { p.ior },
+        fresnel: Fresnel::Tinted { f0, reflection: Vec3::ONE, transmission: tint, film },
+        frame,
         energy_scale: 1.0,
     };
     add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then_some(tint));
+}
+
+/// Adds a sheet of glass without an inside: reflection and transmission with all that goes to and fro in it (OpenPBR 1.1, thin
+/// walls). Smooth sheets are transparent, to all rays but the camera's.
+fn add_pane(context: &ShadingContext, p: &Parameters, weight: Vec3, normal: Vec3, surface: &mut Surface) {
+    let f0 = p.specular_tint * f0_from_ior(p.ior);
+    let reflect = |film: Option<Film>, cos, ior| match film {
+        Some(film) => film.stretched(cos, ior, f0),
+        None => stretched(cos, ior, f0),
+    };
+    let (front, cos_inside) = reflect(p.film, normal.dot(surface.wo()), p.ior);
+    let back = match p.film {
+        Some(film) => reflect(Some(film.from_within(p.ior)), cos_inside, 1.0 / p.ior).0,
+        None => front,
+    };
+    let absorbed = if cos_inside > 0.0 { p.reflectance().powf(1.0 / cos_inside) } else { Vec3::ZERO };
+    let within = (1.0 - (back * absorbed) * (back * absorbed)).max(Vec3::splat(f32::MIN_POSITIVE));
+    let transmitted = absorbed * (1.0 - front) * (1.0 - back) / within;
+    let reflected = front + transmitted * back * absorbed;
+    let alpha = p.roughness * p.roughness;
+    let lobe = |alpha| Microfacet {
+        distribution: isotropic(Distribution::Ggx, alpha),
+        interface: Interface::Reflection,
+        ior: 1.0,
+        fresnel: Fresnel::None,
+        frame: ShadingFrame::from_normal(normal),
+        energy_scale: 1.0,
+    };
+    let mean = p.specular_tint.clamp(Vec3::ZERO, Vec3::ONE);
+    add_microfacet(surface, weight * reflected, normal, lobe(alpha), Some(mean));
+    // Kulla and Conty, "Revisiting Physically Based Shading at Imageworks" (2017): two refractions as one reflection.
+    let ior = p.ior;
+    let widened = alpha * 3.4 * (ior - 1.0) * (ior - 0.5) * (ior - 0.5) / (ior * ior * ior);
+    let mut through = lobe(widened.clamp(0.0, 1.0));
+    if through.is_singular() && !context.point.ray.is_camera {
+        surface.add_transparent(weight * transmitted);
+        return;
+    }
+    through.energy_scale =
+        Compensation::reflection(through.roughness(), normal.dot(surface.wo()), Vec3::ONE).scale;
+    surface.add(weight * transmitted, Vec3::ONE, normal, Scatter::ThroughSheet(through));
 }
 
 /// Adds the reflection of the surface; returns the weight of what is below, and the index of refraction as adjusted by
@@ -314,7 +374,7 @@ fn add_specular(
             eta = 1.0 / eta;
         }
     }
-    if eta == 1.0 {
+    if eta == 1.0 && p.film.is_none() {
         return (weight, eta);
     }
     let f0 = (p.specular_tint * f0).clamp(Vec3::ZERO, Vec3::ONE);
@@ -323,7 +383,7 @@ fn add_specular(
         distribution,
         interface: Interface::Reflection,
         ior: eta,
-        fresnel: Fresnel::Tinted { f0, reflection: Vec3::ONE, transmission: Vec3::ZERO },
+        fresnel: Fresnel::Tinted { f0, reflection: Vec3::ONE, transmission: Vec3::ZERO, film: p.film },
         frame,
         energy_scale: 1.0,
     };

@@ -199,8 +199,14 @@ mod tests {
         let (prepared, _) = PreparedMaterials::new(&scene);
         let (graph, _) = Graph::new(&relume_scene::Material::default(), &mut Names::default());
         let point = on_strand(&scene, 0.0);
-        let context =
-            ShadingContext { prepared: &prepared, scene: &scene, graph: &graph, point: &point, assumed: &[] };
+        let context = ShadingContext {
+            prepared: &prepared,
+            scene: &scene,
+            graph: &graph,
+            point: &point,
+            assumed: &[],
+            probes: None,
+        };
         assert_eq!(color(&context, 0), Some(Vec4::splat(2.0)));
         assert_eq!(curve_color(&context, 0), Some(Vec4::splat(0.5)));
         assert_eq!(uv(&context, 0), Vec2::new(0.2, 0.7));

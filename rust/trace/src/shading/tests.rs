@@ -2,9 +2,9 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 use relume_scene::{
-    Alpha, BlendMode, ColorEncoding, Curve, Distribution, Extension, ImageProjection, Input, Instance,
-    Interpolation, MappingKind, Material, MathOp, Mesh, MixData, Node, NormalSpace, Output, Scene, TexCoord,
-    UvMap,
+    Alpha, BlendMode, ColorEncoding, Curve, Distribution, Extension, FilmModel, ImageProjection, Input,
+    Instance, Interpolation, MappingKind, Material, MathOp, Mesh, MixData, Node, NormalSpace, Output, Scene,
+    TexCoord, ThinFilm, UvMap,
 };
 
 use super::texture::byte_texture;
@@ -89,6 +89,8 @@ pub(super) fn principled() -> Node {
         emission_color: Input::Rgb([1.0; 3]),
         emission_strength: Input::Float(0.0),
         distribution: Distribution::MultiGgx,
+        film: None,
+        anisotropic_glass: false,
     }
 }
 
@@ -113,13 +115,26 @@ fn tilted_ray() -> (Vec3, Vec3, f32) {
 #[test]
 fn white_principled_keeps_all_energy() {
     type Change = fn(&mut Node);
-    let changes: [(&str, Change); 6] = [
+    let changes: [(&str, Change); 8] = [
         ("dielectric", |_| {}),
         ("smooth", |node| set(node, |p| *p.roughness = Input::Float(0.1))),
         ("metal", |node| set(node, |p| *p.metallic = Input::Float(1.0))),
         ("half metal", |node| set(node, |p| *p.metallic = Input::Float(0.5))),
         ("coat", |node| set(node, |p| *p.coat_weight = Input::Float(1.0))),
         ("glass", |node| set(node, |p| *p.transmission_weight = Input::Float(1.0))),
+        ("pane", |node| {
+            set(node, |p| {
+                *p.transmission_weight = Input::Float(1.0);
+                *p.thin_wall = Some(Input::Float(1.0));
+            });
+        }),
+        ("glass with a film", |node| {
+            set(node, |p| {
+                *p.transmission_weight = Input::Float(1.0);
+                let (thickness, ior) = (Input::Float(420.0), Input::Float(1.33));
+                *p.film = Some(ThinFilm { thickness, ior, model: FilmModel::Tabulated, on_metal: true });
+            });
+        }),
     ];
     for (name, change) in changes {
         let mut node = principled();
@@ -140,6 +155,8 @@ struct PrincipledInputs<'a> {
     coat_weight: &'a mut Input,
     transmission_weight: &'a mut Input,
     emission_strength: &'a mut Input,
+    thin_wall: &'a mut Option<Input>,
+    film: &'a mut Option<ThinFilm>,
 }
 
 fn set(node: &mut Node, change: impl FnOnce(PrincipledInputs)) {
@@ -151,6 +168,8 @@ fn set(node: &mut Node, change: impl FnOnce(PrincipledInputs)) {
         coat_weight,
         transmission_weight,
         emission_strength,
+        thin_wall,
+        film,
         ..
     } = node
     {
@@ -162,6 +181,8 @@ fn set(node: &mut Node, change: impl FnOnce(PrincipledInputs)) {
             coat_weight,
             transmission_weight,
             emission_strength,
+            thin_wall,
+            film,
         });
     }
 }
@@ -430,11 +451,11 @@ fn missing_materials_are_grey() {
 fn a_world_without_a_map_is_white() {
     let mut scene = scene_of(vec![principled()]);
     let (prepared, _) = PreparedMaterials::new(&scene);
-    assert_eq!(prepared.world_texel(&scene, Vec3::X), Vec3::ONE);
+    assert_eq!(prepared.world_texel(&scene, None, Vec3::X), Vec3::ONE);
     scene.textures = vec![byte_texture(1, 1, vec![255, 0, 255, 255], ColorEncoding::Linear, Alpha::Straight)];
     scene.world.texture = Some(0);
     let (prepared, _) = PreparedMaterials::new(&scene);
-    assert_eq!(prepared.world_texel(&scene, Vec3::Z), Vec3::new(1.0, 0.0, 1.0));
+    assert_eq!(prepared.world_texel(&scene, Some(0), Vec3::Z), Vec3::new(1.0, 0.0, 1.0));
 }
 
 #[test]

@@ -68,6 +68,7 @@ pub fn component(value: Vec4, output: Output) -> Option<f32> {
         | Output::DiffuseDepth
         | Output::GlossyDepth
         | Output::TransparentDepth
+        | Output::PortalDepth
         | Output::TransmissionDepth => Some(value.x),
         Output::Facing | Output::Y => Some(value.y),
         Output::Z => Some(value.z),
@@ -77,6 +78,7 @@ pub fn component(value: Vec4, output: Output) -> Option<f32> {
         | Output::Normal
         | Output::Position
         | Output::TrueNormal
+        | Output::Parametric
         | Output::Incoming
         | Output::Tangent
         | Output::TangentNormal
@@ -115,6 +117,10 @@ pub fn evaluate_pure(node: &Node, inputs: &impl NodeInputs) -> Option<Vec4> {
         Node::Math { operation, clamp, a, b, c } => {
             let value = math::math(*operation, float(a), float(b), float(c));
             if *clamp { saturated(value) } else { Vec4::splat(value) }
+        }
+        Node::IntegerMath { operation, a, b, c } => {
+            let [a, b, c] = [a, b, c].map(|input| float(input) as i32);
+            Vec4::splat(math::integer_math(*operation, a, b, c) as f32)
         }
         Node::VectorMath { operation, a, b, c, scale } => {
             let value = math::vector_math(*operation, vector(a), vector(b), vector(c), float(scale));

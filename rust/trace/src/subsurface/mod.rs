@@ -73,7 +73,8 @@ impl Integrator<'_> {
         let hit = Hit { distance: 0.0, ..exit.hit };
         let exit =
             self.materials.surface_point(self.scene, &hit, exit.position, -exit.outwards, point.footprint);
-        let normal = self.materials.exit_normal(self.scene, &exit, surface);
+        let probes = self.probes(path, &exit, draws.moved(EXIT_GROUP));
+        let normal = self.materials.exit_normal(self.scene, &exit, probes.as_ref(), surface);
         surface.reset(&exit);
         surface.add(Vec3::ONE, Vec3::ONE, normal, Scatter::Diffuse);
         Some((exit, draws.moved(EXIT_GROUP)))

@@ -165,6 +165,10 @@ fn glass_with_a_medium_inside_is_entered_by_refraction_alone() {
         ior: Input::Float(1.5),
         normal: None,
         distribution: relume_scene::Distribution::Ggx,
+        anisotropy: None,
+        rotation: None,
+        tangent: None,
+        film: None,
     };
     let mut material = medium(vec![coefficients([0.0; 3], [0.5; 3]), glass]);
     (material.surface, material.volume) = (Some(1), Some(0));

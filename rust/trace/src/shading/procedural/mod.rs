@@ -2,6 +2,7 @@
 //! `tests/cycles_reference.rs`.
 
 mod arrays;
+mod gabor;
 mod hash;
 mod noise;
 mod patterns;
@@ -45,6 +46,17 @@ pub fn evaluate(texture: &Procedural, at: Vec3, inputs: &impl NodeInputs, colore
             color(if is_first { color1 } else { color2 }).extend(f32::from(is_first))
         }
         Procedural::Gradient { kind, .. } => Vec4::splat(patterns::gradient(*kind, at)),
+        Procedural::Gabor { dimensions, scale, frequency, anisotropy, orientation, direction, .. } => {
+            let at = at * float(scale);
+            let waves = gabor::Waves {
+                frequency: float(frequency).max(0.001),
+                isotropy: 1.0 - float(anisotropy).clamp(0.0, 1.0),
+            };
+            match dimensions {
+                Dimensions::Three => gabor::space(at, &waves, color(direction).normalize()),
+                _ => gabor::plane(at.truncate(), &waves, float(orientation)),
+            }
+        }
         Procedural::Magic { depth, scale, distortion, .. } => {
             patterns::magic(at * float(scale), *depth, float(distortion))
         }

@@ -1,0 +1,67 @@
+"""Feature scenes of nodes that look around, of thin films, and of panes. Need `bpy`."""
+
+import bpy
+
+from . import stage
+
+
+def looking_around(scene):
+    """Balls dirty in their corners, a box with rounded edges, a ball in a wire, tangents and sharp edges in colour."""
+    dirt, tree, output = _diffuse("Dirt")
+    occlusion = tree.nodes.new("ShaderNodeAmbientOcclusion")
+    occlusion.inputs["Distance"].default_value = 0.6
+    occlusion.inputs["Color"].default_value = (0.8, 0.7, 0.5, 1.0)
+    tree.links.new(occlusion.outputs["Color"], output.inputs["Color"])
+    for x in (-1.0, -0.55):
+        stage.add_ball(scene, "Dirt", 0.3, dirt, (x, 0.2, -0.7))
+    rounded, tree, shader = _diffuse("Rounded", "ShaderNodeBsdfPrincipled")
+    shader.inputs["Roughness"].default_value = 0.3
+    bevel = tree.nodes.new("ShaderNodeBevel")
+    bevel.inputs["Radius"].default_value = 0.12
+    tree.links.new(bevel.outputs[0], shader.inputs["Normal"])
+    stage.add_box(scene, "Rounded", 0.6, rounded, (0.1, -0.1, -0.7)).rotation_euler.z = 0.5
+    wire, tree, shader = _diffuse("Wire")
+    lines = tree.nodes.new("ShaderNodeWireframe")
+    lines.inputs["Size"].default_value = 0.03
+    tree.links.new(lines.outputs[0], shader.inputs["Color"])
+    stage.add_ball(scene, "Wire", 0.3, wire, (0.8, 0.0, -0.7))
+    brushed, tree, shader = _diffuse("Brushed", "ShaderNodeBsdfAnisotropic")
+    shader.inputs["Roughness"].default_value, shader.inputs["Anisotropy"].default_value = 0.3, 0.8
+    tangent = tree.nodes.new("ShaderNodeTangent")
+    tangent.axis = "X"
+    tree.links.new(tangent.outputs[0], shader.inputs["Tangent"])
+    stage.add_ball(scene, "Brushed", 0.3, brushed, (0.3, 0.8, -0.6))
+    sharp, tree, shader = _diffuse("Sharp")
+    tree.links.new(tree.nodes.new("ShaderNodeNewGeometry").outputs["Pointiness"], shader.inputs["Color"])
+    stage.add_box(scene, "Sharp", 0.5, sharp, (-0.4, 1.0, -0.7))
+
+
+def thin_films(scene):
+    """Balls of lacquer, glass and metal with films of different thickness; from Blender 5.2 on a soapy pane, too."""
+    for number, thickness in enumerate((250.0, 420.0, 600.0)):
+        material, _, shader = _diffuse(f"Film {number}", "ShaderNodeBsdfPrincipled")
+        shader.inputs["Thin Film Thickness"].default_value = thickness
+        shader.inputs["Base Color"].default_value = (0.05, 0.05, 0.05, 1.0) if number != 1 else (0.9, 0.6, 0.4, 1.0)
+        shader.inputs["Roughness"].default_value = 0.25
+        shader.inputs["Metallic" if number == 1 else "Transmission Weight"].default_value = float(number > 0)
+        stage.add_ball(scene, f"Film {number}", 0.35, material, (0.8 * number - 0.8, 0.0, -0.65))
+    if bpy.app.version >= (5, 2, 0):
+        material, _, shader = _diffuse("Pane", "ShaderNodeBsdfPrincipled")
+        shader.inputs["Transmission Weight"].default_value = 1.0
+        shader.inputs["Thin Wall"].default_value = True
+        shader.inputs["Roughness"].default_value = 0.4
+        shader.inputs["Base Color"].default_value = (0.6, 0.9, 0.7, 1.0)
+        pane = stage.hunt.add(scene, "Pane", stage.hunt.square("Pane", 0.8, material))
+        pane.location, pane.rotation_euler = (0.4, -0.8, -0.5), (1.4, 0.0, 0.4)
+    scene.cycles.caustics_reflective = scene.cycles.caustics_refractive = False
+
+
+def _diffuse(name, kind="ShaderNodeBsdfDiffuse"):
+    """A material of one shader; returns it, its tree and the shader."""
+    material, tree, output = stage.hunt.new_material(name)
+    shader = tree.nodes.new(kind)
+    tree.links.new(shader.outputs[0], output.inputs["Surface"])
+    return material, tree, shader
+
+
+SCENES = {build.__name__: build for build in (looking_around, thin_films)}
