@@ -125,8 +125,8 @@ def affine(columns):
     return Matrix(matrix.tolist())
 
 
-def render_cycles(scene, samples=64, **settings):
-    """Scene-linear pixels of a plain Cycles render, [height, width, 3], bottom row first."""
+def render_cycles(scene, samples=64, channels=3, **settings):
+    """Scene-linear pixels of a plain Cycles render, [height, width, channels], bottom row first."""
     cycles = scene.cycles
     cycles.samples, cycles.device = samples, "CPU"
     cycles.use_adaptive_sampling = cycles.use_denoising = False
@@ -142,7 +142,7 @@ def render_cycles(scene, samples=64, **settings):
     image.pixels.foreach_get(pixels)
     width, height = image.size
     bpy.data.images.remove(image)
-    return pixels.reshape(height, width, -1)[..., :3]
+    return pixels.reshape(height, width, -1)[..., :channels]
 
 
 def both_lit(scene, folder, samples):

@@ -58,12 +58,12 @@ TABLE = {
     },
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
-        "pixel_filter_type filter_width seed diffuse_bounces glossy_bounces transmission_bounces rolling_shutter_*",
-        NAMED: "sample_clamp_* use_fast_gi film_transparent_glass use_camera_cull use_distance_cull "
+        "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
+        "rolling_shutter_*",
+        NAMED: "sample_clamp_* use_fast_gi use_camera_cull use_distance_cull "
         "texture_limit_render texture_resolution_render",
         "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
         "of nodes with scripts, which are named": "shading_system",
-        "of transparent glass, which is named": "film_transparent_roughness",
         "of culling, which each object names": "camera_cull_margin distance_cull_margin",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
         "use_adaptive_sampling adaptive_* direct_light_sampling_type use_light_tree use_guiding* "
@@ -94,15 +94,15 @@ TABLE = {
         "Relume has its own denoiser": "use_denoising",
     },
     "LayerCollection": {
-        READ: "collection children indirect_only",
-        NAMED: "holdout",
+        READ: "collection children indirect_only holdout",
         BY_DEPSGRAPH: "exclude",
         VIEWS: "hide_viewport",
     },
     "Object": {
         READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
-        "visible_transmission visible_volume_scatter visible_shadow light_linking cycles",
-        NAMED: "is_holdout is_shadow_catcher modifiers particle_systems",
+        "visible_transmission visible_volume_scatter visible_shadow light_linking cycles "
+        "is_holdout",
+        NAMED: "is_shadow_catcher modifiers particle_systems",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
         "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
@@ -154,7 +154,7 @@ TABLE = {
         NOISE: "sampling_method sample_map_resolution",
         MARCHING: "homogeneous_volume volume_*",
     },
-    "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission", NOISE: "shadow", NAMED: "scatter"},
+    "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission scatter", NOISE: "shadow"},
     "WorldLighting": {FAST_GI: "ao_factor distance"},
     "Material": {
         READ: "node_tree use_nodes diffuse_color pass_index cycles use_transparent_shadow displacement_method",
@@ -172,11 +172,10 @@ TABLE = {
         MARCHING: "homogeneous_volume volume_*",
     },
     "Camera": {
-        READ: "sensor_fit clip_* lens sensor_width sensor_height ortho_scale shift_* dof",
-        REFUSED: "type",
+        READ: "sensor_fit clip_* lens sensor_width sensor_height ortho_scale shift_* dof type panorama_type fisheye_* "
+        "latitude_* longitude_* central_cylindrical_*",
         SAME: "angle angle_x angle_y lens_unit",
-        "of panoramic and other cameras, which are refused": "panorama_type fisheye_* latitude_* longitude_* "
-        "central_cylindrical_* custom_* cycles_custom stereo",
+        "of custom and stereo cameras, which are refused": "custom_* cycles_custom stereo",
         VIEWS: "passepartout_alpha display_size show_* background_images composition_guide_color",
         BY_DEPSGRAPH: "animation_data",
     },

@@ -104,8 +104,9 @@ def test_no_frame_outside_of_the_camera_view(opened):
     scene, space, region, region_data = opened
     assert camera_frame.frame_of(scene, None, region, region_data) is None
     assert camera_frame.frame_of(scene, bpy.data.objects["Light"], region, region_data) is None
+    seen = camera_frame.frame_of(scene, scene.camera, region, region_data)
     scene.camera.data.type = "PANO"
-    assert camera_frame.frame_of(scene, scene.camera, region, region_data) is None
+    assert camera_frame.frame_of(scene, scene.camera, region, region_data) == seen
     scene.camera.data.type = "PERSP"
     region_data.view_perspective = "PERSP"
     assert camera_frame.frame_of(scene, scene.camera, region, region_data) is None

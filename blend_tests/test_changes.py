@@ -209,7 +209,7 @@ def other_world(scene):
 def fewer_bounces(scene):
     scene.cycles.max_bounces = 1
     scene.update_tag()
-    return "Bounces or filters of the render settings changed"
+    return "Bounces, filters or film of the render settings changed"
 
 
 def shade_smooth(_scene):

@@ -189,15 +189,13 @@ def test_an_instance_is_seen_by_rays_that_see_what_instances_it_too(scene):
     layer.indirect_only = True
     assert exported(scene)["instances"][0]["visibility"] == [False, False, False, True]
     layer.indirect_only, layer.holdout = False, True
-    assert any("'Instance': holdout" in warning for warning in exported(scene)["warnings"])
+    assert exported(scene)["instances"][0]["is_holdout"]
 
 
 def test_unsupported_things_are_named(scene):
-    add_quad(scene, "Ghost").is_holdout = True
     add_quad(scene, "Catcher").is_shadow_catcher = True
     warnings = " ".join(exported(scene)["warnings"])
     for text in (
-        "'Ghost': holdout",
         "'Catcher': shadow catcher",
     ):
         assert text in warnings

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from mathutils import Euler
 
+from addon.engine.staleness.world_fingerprints import world as fingerprint
 from helpers import add, add_quad, add_world, exported
 
 pytestmark = pytest.mark.every_version
@@ -110,7 +111,7 @@ def test_what_looks_back_gives_the_opposite_direction(scene, kind, output):
 
 
 @pytest.mark.parametrize("kind", ["shader", "color", "strength"])
-def test_another_background_for_the_camera_is_left_out_and_named(scene, kind):
+def test_another_background_for_the_camera_is_a_part_of_the_world(scene, kind):
     tree, background = world_tree(scene)
     background.inputs["Color"].default_value = (1.0, 0.5, 0.25, 1.0)
     background.inputs["Strength"].default_value = 2.0
@@ -118,6 +119,7 @@ def test_another_background_for_the_camera_is_left_out_and_named(scene, kind):
     camera = path.outputs["Is Camera Ray"]
     if kind == "shader":
         mix, other = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBackground")
+        other.inputs["Color"].default_value = (0.1, 0.2, 0.3, 1.0)
         for source, target in zip((camera, background.outputs[0], other.outputs[0]), mix.inputs[:3], strict=True):
             tree.links.new(source, target)
         tree.links.new(mix.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
@@ -128,13 +130,44 @@ def test_another_background_for_the_camera_is_left_out_and_named(scene, kind):
         tree.links.new(camera, sockets["Factor_Float"])
         if kind == "color":
             sockets["A_Color"].default_value = background.inputs["Color"].default_value
+            sockets["B_Color"].default_value = (0.1, 0.2, 0.3, 1.0)
             tree.links.new(next(socket for socket in mix.outputs if socket.type == "RGBA"), background.inputs["Color"])
         else:
             sockets["A_Float"].default_value, sockets["B_Float"].default_value = 2.0, 7.0
             tree.links.new(mix.outputs[0], background.inputs["Strength"])
     found = exported(scene)
     assert found["world"]["color"] == pytest.approx([2.0, 1.0, 0.5]) and found["world"]["texture"] is None
-    assert [warning for warning in found["warnings"] if "depends on Light Path" in warning]
+    (part,) = found["world"]["parts"]
+    seen = {"shader": [0.1, 0.2, 0.3], "color": [0.2, 0.4, 0.6], "strength": [7.0, 3.5, 1.75]}[kind]
+    assert part["color"] == pytest.approx(seen) and part["rays"] == [True, False, False, False, False]
+    assert found["warnings"] == []
+    before = fingerprint(scene)
+    path.mute, background.inputs["Color"].default_value = True, (1.0, 1.0, 1.0, 1.0)
+    assert fingerprint(scene)["shape"] != before["shape"]
+
+
+def test_rays_that_do_not_see_the_world_see_a_black_part(scene):
+    world_tree(scene)
+    visibility = scene.world.cycles_visibility
+    visibility.glossy = visibility.scatter = False
+    found = exported(scene)
+    assert found["warnings"] == []
+    (part,) = found["world"]["parts"]
+    assert (part["color"], part["rays"]) == ([0.0] * 3, [False, False, True, False, True])
+    visibility.diffuse = visibility.transmission = False
+    world = exported(scene)["world"]
+    assert any(world["color"]) and world["parts"][0]["rays"] == [False, True, True, True, True]
+    visibility.camera = False
+    world = exported(scene)["world"]
+    assert (world["color"], world["parts"]) == ([0.0] * 3, [])
+
+
+def test_depth_of_rays_in_a_world_is_named(scene):
+    tree, background = world_tree(scene)
+    path = tree.nodes.new("ShaderNodeLightPath")
+    tree.links.new(path.outputs["Ray Depth"], background.inputs["Strength"])
+    (warning,) = exported(scene)["warnings"]
+    assert "are those after one bounce" in warning
 
 
 def test_the_view_layer_chooses_the_world(scene):
@@ -153,10 +186,8 @@ def test_settings_that_paths_cannot_represent_are_named(scene):
     world_tree(scene)
     assert exported(scene)["warnings"] == []
     world = scene.world
-    for ray in ("diffuse", "glossy", "transmission", "scatter"):
-        setattr(world.cycles_visibility, ray, False)
     world.cycles.max_bounces = 3
-    words = ["without diffuse", "without glossy", "without transmission", "without scatter", "limit of its bounces"]
+    words = ["limit of its bounces"]
     if hasattr(world.cycles, "use_shadows"):
         world.cycles.use_shadows = False
         words.append("light without shadow")

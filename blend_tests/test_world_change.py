@@ -52,6 +52,28 @@ def shards(folder):
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*.safetensors")}
 
 
+def test_another_background_for_some_rays_is_shown_without_new_paths(turnable, tmp_path):
+    scene, mapping = turnable
+    before, paths = picture(scene, "the first picture"), shards(tmp_path / "bake")
+    tree = mapping.id_data
+    surface = tree.get_output_node("CYCLES").inputs["Surface"]
+    other, path, mix = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("Background", "LightPath", "MixShader"))
+    other.inputs["Color"].default_value = (0.0, 5.0, 0.0, 1.0)
+    sources = (path.outputs["Is Diffuse Ray"], surface.links[0].from_socket, other.outputs[0], mix.outputs[0])
+    for source, target in zip(sources, (*mix.inputs[:3], surface), strict=True):
+        tree.links.new(source, target)
+    update()
+    shown = picture(scene, "the other background")
+    assert np.abs(shown - before).max() > 0.1 and shards(tmp_path / "bake") == paths
+    relume.bake(exported := load_scene(scene), tmp_path / "other", {"samples": 64, "seed": 5}).wait()
+    expected = relume.Relighter(tmp_path / "other").relight()["combined"][::-1]
+    assert np.abs(shown.mean(axis=(0, 1)) - expected.mean(axis=(0, 1))).max() < 0.1 * expected.mean()
+    assert shot.of(scene).status.live.world_map == exported.world_map
+    other.inputs["Strength"].default_value = 2.0
+    update()
+    assert picture(scene, "a brighter one").sum() > shown.sum()
+
+
 def test_a_turned_sky_is_shown_without_new_paths_and_found_again(turnable, tmp_path):
     scene, mapping = turnable
     before, paths = picture(scene, "the first picture"), shards(tmp_path / "bake")
@@ -156,11 +178,12 @@ def test_other_images_and_plain_colours_take_turns(turnable):
     update()
     red = picture(scene, "a red world")
     assert red[..., 1].sum() < 0.9 * green[..., 1].sum()
-    scene.render.film_transparent = True
-    scene.update_tag()
+    visibility = scene.world.cycles_visibility
+    visibility.camera = False
+    scene.world.update_tag()
     update()
     picture(scene, "a world that the camera does not see")
-    scene.render.film_transparent = False
+    visibility.camera = True
     tree.links.new(texture.outputs[0], background.inputs["Color"])
     texture.image = image
     update()

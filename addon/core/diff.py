@@ -20,6 +20,7 @@ PARTS = {
     ("object", "materials"): "'{name}' has other materials",
     ("object", "visibility"): "Visibility of '{name}' changed",
     ("object", "scatter"): "Visibility of '{name}' changed",
+    ("object", "holdout"): "Holdout of '{name}' was switched on or off",
     ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",
     ("object", "attributes"): "Custom properties of '{name}' changed",
     ("object", "motion"): "Motion blur settings of '{name}' changed",
@@ -41,7 +42,7 @@ PARTS = {
     ("space", "volume"): "The volume of the world changed",
     ("camera", "place"): "The camera moved",
     ("camera", "lens"): "Lens or focus of the camera changed",
-    ("settings", "paths"): "Bounces or filters of the render settings changed",
+    ("settings", "paths"): "Bounces, filters or film of the render settings changed",
     ("settings", "override"): "The view layer has another material override",
     ("settings", "volumes"): "The view layer shows volumes, or no longer does",
     ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
@@ -126,7 +127,7 @@ def color_text(color: Iterable[float]) -> str:
 
 
 def gain_between(before: list[float], now: list[float]) -> list[float] | None:
-    """Factor from one colour to the other; None where a channel was zero and no longer is."""
+    """Factor from one colour to the other, 1 of channels that stay zero; None where one was zero and no longer is."""
     if any(old <= 0.0 < new for old, new in zip(before, now, strict=True)):
         return None
-    return [new / old if old > 0.0 else 0.0 for old, new in zip(before, now, strict=True)]
+    return [new / old if old > 0.0 else 1.0 for old, new in zip(before, now, strict=True)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -52,14 +52,10 @@ def camera_json(
 ) -> str:
     """The JSON form of `BlenderCamera` for an evaluated camera object, a film of `size` pixels and its motion."""
     data, render = camera.data, scene.render
-    if data.type not in {"PERSP", "ORTHO"}:
-        raise UnsupportedCameraError(
-            f"camera '{camera.name}': {data.type.lower()} projection is not supported; use perspective or orthographic"
-        )
     description = {
         "name": camera.name,
         "world_from_object": [list(row) for row in camera.matrix_world],
-        "projection": "perspective" if data.type == "PERSP" else "orthographic",
+        "projection": _projection(camera),
         "resolution": list(size),
         "pixel_aspect": [render.pixel_aspect_x, render.pixel_aspect_y],
         "sensor_fit": data.sensor_fit,
@@ -79,6 +75,53 @@ def camera_json(
             f"camera '{camera.name}': one of its values is not a finite number; set its transform and lens, or what "
             "drives them, anew"
         ) from error
+
+
+def _projection(camera: bpy.types.Object) -> str | dict[str, Any]:
+    """Projection in the form of `relume_scene::Projection`."""
+    data = camera.data
+    if data.type in PLANAR:
+        return PLANAR[data.type]
+    make = PANORAMAS.get(data.panorama_type) if data.type == "PANO" else None
+    if make is None:
+        kind = data.panorama_type if data.type == "PANO" else data.type
+        raise UnsupportedCameraError(
+            f"camera '{camera.name}': {kind.lower()} projection is not supported; use another type of camera"
+        )
+    return {"panoramic": make(data)}
+
+
+def _equirectangular(data: bpy.types.Camera) -> dict[str, Any]:
+    longitude, latitude = [data.longitude_min, data.longitude_max], [data.latitude_min, data.latitude_max]
+    return {"equirectangular": {"longitude": longitude, "latitude": latitude}}
+
+
+def _equisolid(data: bpy.types.Camera) -> dict[str, Any]:
+    return {"fisheye_equisolid": {"lens": data.fisheye_lens, "fov": data.fisheye_fov}}
+
+
+def _polynomial(data: bpy.types.Camera) -> dict[str, Any]:
+    coefficients = [getattr(data, f"fisheye_polynomial_k{power}") for power in range(5)]
+    return {"fisheye_lens_polynomial": {"coefficients": coefficients, "fov": data.fisheye_fov}}
+
+
+def _cylindrical(data: bpy.types.Camera) -> dict[str, Any]:
+    radius = data.central_cylindrical_radius
+    longitude = [data.central_cylindrical_range_u_min, data.central_cylindrical_range_u_max]
+    height = [data.central_cylindrical_range_v_min / radius, data.central_cylindrical_range_v_max / radius]
+    return {"central_cylindrical": {"longitude": longitude, "height": height}}
+
+
+PLANAR = {"PERSP": "perspective", "ORTHO": "orthographic"}
+PANORAMAS: dict[str, Callable[[bpy.types.Camera], str | dict[str, Any]]] = {
+    "EQUIRECTANGULAR": _equirectangular,
+    "EQUIANGULAR_CUBEMAP_FACE": lambda _data: "equiangular_cubemap_face",
+    "MIRRORBALL": lambda _data: "mirror_ball",
+    "FISHEYE_EQUIDISTANT": lambda data: {"fisheye_equidistant": {"fov": data.fisheye_fov}},
+    "FISHEYE_EQUISOLID": _equisolid,
+    "FISHEYE_LENS_POLYNOMIAL": _polynomial,
+    "CENTRAL_CYLINDRICAL": _cylindrical,
+}
 
 
 def _depth_of_field(camera: bpy.types.Object) -> dict[str, float]:

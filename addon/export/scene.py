@@ -260,6 +260,7 @@ class _SceneExporter:
             "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
+            "is_holdout": owner.is_holdout or owner.holdout_get(view_layer=self.view_layer),
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
         asked = set().union(*(self.materials.of_objects.get(number, ()) for number in materials))
@@ -305,8 +306,6 @@ class _SceneExporter:
 
     def _warn_about_rays(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
-        if obj.is_holdout or obj.holdout_get(view_layer=self.view_layer):
-            warn(f"object '{name}': holdout is not supported yet; rendered as an ordinary object")
         if obj.is_shadow_catcher:
             warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
 

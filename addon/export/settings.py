@@ -20,8 +20,7 @@ def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[
         warn(f"scene '{scene.name}': clamping of samples is not supported; set both clamps to 0 to compare with Cycles")
     if cycles.use_fast_gi:
         warn(f"scene '{scene.name}': Fast GI Approximation is not supported; every bounce is traced")
-    if scene.render.film_transparent and cycles.film_transparent_glass:
-        warn(f"scene '{scene.name}': transparent glass is not supported; the world is seen through it")
+    glass = {"film_glass": cycles.film_transparent_roughness} if cycles.film_transparent_glass else {}
     return {
         "samples": cycles.samples,
         "seed": cycles.seed,
@@ -43,6 +42,8 @@ def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[
             "caustics_refractive": cycles.caustics_refractive,
             "filter": _pixel_filter(scene, warn),
             "film_exposure": cycles.film_exposure,
+            "film_transparent": scene.render.film_transparent,
+            **(glass if scene.render.film_transparent else {}),
         },
     }
 

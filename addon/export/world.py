@@ -11,10 +11,10 @@ from mathutils import Euler, Matrix
 from .images import ImageExporter, note_on
 from .materials.coordinates import is_mapped
 from .materials.graph import Source, is_implied, surface_socket, used_tree
-from .world_graph import UnsupportedNodeError, WorldGraph, WorldReader, place_of
+from .world_graph import KINDS_ALONE, LIGHT_PATHS, UnsupportedNodeError, WorldGraph, WorldReader, place_of
 
 BLACK = [0.0, 0.0, 0.0]
-HIDDEN_RAYS = ("diffuse", "glossy", "transmission", "scatter")
+BOUNCED = tuple(rays for rays in LIGHT_PATHS if rays != "camera")
 FORWARD = {
     *(("ShaderNodeTexCoord", output) for output in ("Generated", "Object")),
     ("ShaderNodeNewGeometry", "Position"),
@@ -41,6 +41,19 @@ class Space(NamedTuple):
 
 
 NO_SPACE = Space()
+
+
+class Seen(NamedTuple):
+    """Light of a world as rays of one kind see it."""
+
+    color: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Radiance, or factor on the texture."""
+    texture: Any = None
+    """Number of its texture."""
+    matrix: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    """Rows: texture direction from world direction."""
+
+
 TextureOf = Callable[[WorldGraph, str], Any]
 """Number of a texture of a world, rendered over all directions; the name is for messages. Raises WorldRenderError."""
 
@@ -69,7 +82,7 @@ def export_world(
 
 
 class _WorldExporter:
-    """Exports one world: as a constant, a picture with a rotation, or rendered by Cycles."""
+    """Exports one world: as a constant, a picture with a rotation, or rendered by Cycles, for each kind of ray."""
 
     def __init__(
         self,
@@ -86,15 +99,14 @@ class _WorldExporter:
         self.texture_of = texture_of
         self.world = world
         self.reader = WorldReader(builder.constant_emission)
+        """Of the rays in hand."""
+        self.rendered: dict[str, Any] = {}
+        """Textures that Cycles renders, by what they show."""
         visibility = getattr(world, "cycles_visibility", None)
         self.visible_camera = (visibility is None or visibility.camera) and not film_transparent
 
     def warn_of_settings(self, scene: bpy.types.Scene) -> None:
         """Warns of settings of the world that paths without lights cannot represent."""
-        visibility = getattr(self.world, "cycles_visibility", None)
-        for ray in HIDDEN_RAYS:
-            if not getattr(visibility, ray, True):
-                self._warn(f"ray visibility without {ray} is not supported yet; {ray} rays see it")
         cycles = getattr(self.world, "cycles", None)
         if cycles is None:
             return
@@ -105,48 +117,62 @@ class _WorldExporter:
 
     def run(self) -> None:
         """Exports the light of the world."""
-        tree = used_tree(self.world)
-        if tree is None:
-            self._set(list(self.world.color))
-            return
-        output = surface_socket(tree)
-        if output is None:
-            self._set(BLACK)
-            return
-        surface, context = output
-        source = self.reader.follow(surface, context)
-        if not (isinstance(source, Source) and self._background(source)):
-            emission = self.reader.emission(surface, context)
-            if emission is not None or not isinstance(source, Source):
-                self._set(emission or BLACK)
-            else:
-                self._rendered(source)
-        if self.reader.uses_light_path:
+        seen = dict.fromkeys(LIGHT_PATHS, self._seen())
+        asked = set(self.reader.asked)
+        for rays in LIGHT_PATHS if asked else ():
+            if rays != "diffuse" and (rays != "camera" or self.visible_camera):
+                self.reader = WorldReader(self.builder.constant_emission, rays)
+                seen[rays] = self._seen()
+        self._warn_of_light_path(asked, [light for rays, light in seen.items() if rays != "camera"])
+        visibility = getattr(self.world, "cycles_visibility", None)
+        seen |= {rays: Seen() for rays in LIGHT_PATHS if rays != "camera" and not getattr(visibility, rays, True)}
+        self._set(seen)
+
+    def _warn_of_light_path(self, asked: set[str], bounced: list[Seen]) -> None:
+        """Warns of what rays of one kind may see differently, of rays after a bounce."""
+        if asked - KINDS_ALONE:
+            self._warn("depth, length and sharpness of rays (Light Path) are those after one bounce")
+        if len(set(bounced)) > 1 and any(light.texture is not None for light in bounced):
             self._warn(
-                "what depends on Light Path is as diffuse rays see it; to camera and reflections it may look different"
+                "of what depends on Light Path, dull surfaces see what paths find; Cycles' light samples have no kind"
             )
 
-    def _background(self, source: Source) -> bool:
-        """Sets a colour or an environment texture, if the node is a Background that shows one."""
+    def _seen(self) -> Seen:
+        """The light of the world to the rays in hand."""
+        tree = used_tree(self.world)
+        if tree is None:
+            return Seen(tuple(self.world.color))
+        output = surface_socket(tree)
+        if output is None:
+            return Seen()
+        surface, context = output
+        source = self.reader.follow(surface, context)
+        if isinstance(source, Source) and (background := self._background(source)) is not None:
+            return background
+        emission = self.reader.emission(surface, context)
+        if emission is not None or not isinstance(source, Source):
+            return Seen(tuple(emission or BLACK))
+        return self._rendered(source)
+
+    def _background(self, source: Source) -> Seen | None:
+        """A colour or an environment texture, if the node is a Background that shows one."""
         if source.node.bl_idname != "ShaderNodeBackground":
-            return False
+            return None
         strength = self._strength(source)
         if strength is None:
-            return False
+            return None
         color = self.reader.constant(source.node.inputs["Color"], source.context)
         if color is not None:
             color = color if isinstance(color, list) else [color] * 3
-            self._set([channel * strength for channel in color])
-            return True
+            return Seen(tuple(channel * strength for channel in color))
         texture = self.reader.follow(source.node.inputs["Color"], source.context)
         if not isinstance(texture, Source) or texture.node.bl_idname != "ShaderNodeTexEnvironment":
-            return False
+            return None
         mapping = None if is_mapped(texture.node) else self._direction(texture, "Vector")
         if texture.node.projection != "EQUIRECTANGULAR" or texture.node.image is None or mapping is None:
-            return False
+            return None
         number = self.images.number(texture.node.image, f"world '{self.world.name}'", texture.node.image_user)
-        self._set([strength] * 3, texture=number, matrix=mapping)
-        return True
+        return Seen((strength,) * 3, number, tuple(tuple(row) for row in mapping))
 
     def _strength(self, background: Source) -> float | None:
         strength = self.reader.constant(background.node.inputs["Strength"], background.context)
@@ -191,8 +217,8 @@ class _WorldExporter:
             case _:
                 return rotation @ scale @ before
 
-    def _rendered(self, surface: Source) -> None:
-        """Sets a texture that Cycles renders; the strength of a Background node stays a factor of it."""
+    def _rendered(self, surface: Source) -> Seen:
+        """A texture that Cycles renders; the strength of a Background node stays a factor of it."""
         strength = self._strength(surface) if surface.node.bl_idname == "ShaderNodeBackground" else None
         try:
             graph = WorldGraph(surface, self.reader)
@@ -200,21 +226,31 @@ class _WorldExporter:
                 graph.take_strength()
             for note in filter(None, map(note_on, graph.images.values())):
                 self._warn(note)
-            texture = self.texture_of(graph, self.world.name)
+            if graph.text not in self.rendered:
+                self.rendered[graph.text] = self.texture_of(graph, self.world.name)
         except UnsupportedNodeError as error:
             self._warn(f"{error}, which is not supported yet; the world is black")
-            self._set(BLACK)
+            return Seen()
         except WorldRenderError as error:
             self._warn(f"Cycles could not render it: {error}; the world is black")
-            self._set(BLACK)
-        else:
-            self._set([1.0 if strength is None else strength] * 3, texture=texture)
+            return Seen()
+        return Seen((1.0 if strength is None else strength,) * 3, self.rendered[graph.text])
 
-    def _set(self, color: list[float], texture: Any = None, matrix: Matrix | None = None) -> None:
-        rows = [list(row) for row in (matrix or Matrix.Identity(3))]
-        space = {} if self.space.volume is None else self.space._asdict()
-        visible = self.visible_camera
-        self.builder.set_world(color, texture=texture, texture_from_world=rows, visible_camera=visible, **space)
+    def _set(self, seen: dict[str, Seen]) -> None:
+        """Sets what rays of each kind see: the world is what most see that light anything, the rest are parts of it."""
+        seeing = (*BOUNCED, "camera") if self.visible_camera else BOUNCED
+        own = next((seen[rays] for rays in seeing if any(seen[rays].color)), seen["diffuse"])
+        if not self.visible_camera:
+            seen["camera"] = own
+        others = dict.fromkeys(light for light in seen.values() if light != own)
+        parts = [([light == other for light in seen.values()], *other) for other in others]
+        more = {"parts": parts} if parts else {}
+        if self.space.volume is not None:
+            more |= self.space._asdict()
+        rows = [list(row) for row in own.matrix]
+        self.builder.set_world(
+            list(own.color), texture=own.texture, texture_from_world=rows, visible_camera=self.visible_camera, **more
+        )
 
     def _warn(self, message: str) -> None:
         self.builder.warn(f"world '{self.world.name}': {message}")

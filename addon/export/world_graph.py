@@ -1,7 +1,7 @@
 """Nodes of a world as plain data, from which another Blender builds the same world.
 
-It is a flat list, without groups, reroutes and muted nodes, with the values of the evaluated file. A baked world is the
-one that lights: light paths are those of a diffuse ray after its first hit."""
+It is a flat list, without groups, reroutes and muted nodes, with the values of the evaluated file. Light paths are
+those of one kind of ray, after one bounce or from the camera."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from .materials.constants import ConstantEmission, ConstantTranslation, VaryingN
 from .materials.graph import Constant, Context, Source, Value, constant_of, is_implied, trace
 from .plain import plain, settings_of
 
-LIGHT_PATH = {
-    "Is Diffuse Ray": 1.0,
-    "Is Reflection Ray": 1.0,
-    "Ray Length": 1e4,
-    "Ray Depth": 1.0,
-    "Diffuse Depth": 1.0,
+_BOUNCED = {"Ray Length": 1e4, "Ray Depth": 1.0}
+LIGHT_PATHS = {
+    "camera": {"Is Camera Ray": 1.0, "Ray Length": 1e4},
+    "diffuse": {**_BOUNCED, "Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, "Diffuse Depth": 1.0},
+    "glossy": {**_BOUNCED, "Is Glossy Ray": 1.0, "Is Reflection Ray": 1.0, "Glossy Depth": 1.0},
+    "transmission": {**_BOUNCED, "Is Glossy Ray": 1.0, "Is Transmission Ray": 1.0, "Transmission Depth": 1.0},
+    "scatter": {**_BOUNCED, "Is Volume Scatter Ray": 1.0},
 }
-"""Outputs of the Light Path node for a diffuse ray after its first hit; the others are 0."""
+"""Outputs of the Light Path node by kind of ray, in the order of the native module's; the others are 0."""
+KINDS_ALONE = {"Is Shadow Ray", *(name for path in LIGHT_PATHS.values() for name in path if name.startswith("Is "))}
+"""Outputs that depend on nothing but the kind of a ray."""
 UNSUPPORTED = {
     "ShaderNodeAttribute": "reads attributes",
     "ShaderNodeCameraData": "depends on the camera",
@@ -52,11 +55,12 @@ class Sides(NamedTuple):
 class WorldReader:
     """Follows the nodes of a world, past mixtures of which one side counts only."""
 
-    def __init__(self, constant_emission: ConstantEmission | None = None):
+    def __init__(self, constant_emission: ConstantEmission | None = None, rays: str = "diffuse"):
         """`constant_emission` computes the value of nodes; without it only nodes that are constants themselves
-        count."""
-        self.uses_light_path = False
-        """True if anything depended on the kind of ray that sees the world."""
+        count. `rays` are of LIGHT_PATHS."""
+        self.asked: set[str] = set()
+        """Outputs of the Light Path node that anything depended on."""
+        self._light_path = LIGHT_PATHS[rays]
         self._constant_emission = constant_emission
 
     def follow(self, socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
@@ -87,13 +91,14 @@ class WorldReader:
     def _computed(self, compute: Any, socket: bpy.types.NodeSocket, context: Context) -> Any:
         if self._constant_emission is None:
             return None
-        translation = ConstantTranslation(self._constant_emission, lambda output: LIGHT_PATH.get(output, 0.0))
         try:
-            value = compute(translation, socket, context)
+            return compute(ConstantTranslation(self._constant_emission, self._of_light_path), socket, context)
         except VaryingNodeError:
             return None
-        self.uses_light_path |= translation.uses_light_path
-        return value
+
+    def _of_light_path(self, output: str) -> float:
+        self.asked.add(output)
+        return self._light_path.get(output, 0.0)
 
 
 class WorldGraph:

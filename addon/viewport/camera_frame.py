@@ -1,7 +1,8 @@
 """Rectangle of the camera's picture in a 3D view, exact, in pixels of the region.
 
 The region's projection already holds zoom, pan, lens, lens shift and sensor fit, and the camera's own frame holds
-resolution and pixel aspect. So the frame, projected, is right for every setting."""
+resolution and pixel aspect. So the frame, projected, is right for every setting. A panorama fills the frame that a lens
+would have, as Cycles draws it."""
 
 from __future__ import annotations
 
@@ -72,7 +73,7 @@ def frame_of(
     """The camera's whole frame; None where the region does not look through it."""
     if region_data.view_perspective != "CAMERA" or camera is None or camera.type != "CAMERA":
         return None
-    if camera.data.type not in {"PERSP", "ORTHO"}:
+    if camera.data.type == "CUSTOM":
         return None
     corners = camera.data.view_frame(scene=scene)
     return project(corners, region_data.window_matrix, (region.width, region.height))

@@ -9,6 +9,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
+from .camera_frame import camera_of
 from .overlay import DIFFERENCE, Show
 
 RADIUS_POINTS = 6.0
@@ -40,7 +41,10 @@ def places_of(lights: Iterable[bpy.types.Object], region_data: bpy.types.RegionV
 def draw(context: bpy.types.Context, content: Show, scale: float) -> None:
     """Draws a ring for each light in front of the picture."""
     lights = lights_of(context)
-    if not lights or content.mode == DIFFERENCE:
+    camera = camera_of(context.scene, context.space_data)
+    # The view's own projection, which places the rings, is not that of a panorama.
+    is_panorama = camera is not None and camera.data.type == "PANO"
+    if not lights or content.mode == DIFFERENCE or is_panorama:
         return
     places = places_of(lights, context.region_data, content)
     is_inside = np.isfinite(places[:, 0])

@@ -8,16 +8,16 @@ struct Environment {
     texture_from_world: mat3x3f,
     // Radiance, or factor on the map.
     color: vec3f,
-    // Whether camera rays see it.
-    visible_camera: u32,
+    // Bit per lobe that sees it.
+    lobes: u32,
     // Texels; 0 without a map.
     width: u32,
     height: u32,
     // Rows of the map that are here; others are black.
     first_row: u32,
     end_row: u32,
-    // First receiver of segments that only some lights count along.
-    first_linked: u32,
+    // First receiver of segments along which no world is seen.
+    first_without_world: u32,
 }
 
 @group(0) @binding(0) var<storage, read> environment: Environment;
@@ -32,8 +32,7 @@ struct Arguments {
 var<immediate> arguments: Arguments;
 
 const PI = 3.14159265;
-// Code of camera rays, and number of codes; what is above is not a segment.
-const CAMERA = 0u;
+// Number of codes of lobes; what is above is not a segment.
 const LOBES = 5u;
 
 @compute @workgroup_size(GROUP_SIZE)
@@ -72,9 +71,9 @@ fn visit_part(part: Part, lane: u32) {
 
 fn sees_world(z_flags: u32) -> bool {
     let lobe = lobe_code(z_flags);
-    let hidden = lobe == CAMERA && environment.visible_camera == 0u;
-    let is_linked = receiver(z_flags) >= environment.first_linked;
-    return (z_flags & ESCAPED) != 0u && lobe < LOBES && !hidden && !is_linked;
+    let hidden = (environment.lobes >> min(lobe, LOBES) & 1u) == 0u;
+    let is_without_world = receiver(z_flags) >= environment.first_without_world;
+    return (z_flags & ESCAPED) != 0u && lobe < LOBES && !hidden && !is_without_world;
 }
 
 fn radiance(direction: vec3f) -> vec3f {

@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 
 from ...core.disk import expected_size, in_words
-from ...export.camera import film_size, why_no_picture
+from ...export.camera import PLANAR, film_size, why_no_picture
 from . import background, cache
 from . import shot as shots
 from .options import FolderError, bake_folder, options_of
@@ -27,9 +27,9 @@ def check_start(scene: bpy.types.Scene, folder: Path | None = None) -> None:
     camera = scene.camera
     if camera is None or camera.type != "CAMERA":
         raise ProblemError(f"Scene '{scene.name}' has no camera; add one and make it the active camera")
-    if camera.data.type not in {"PERSP", "ORTHO"}:
+    if camera.data.type not in {*PLANAR, "PANO"}:
         kind = camera.data.type.lower()
-        raise ProblemError(f"Camera '{camera.name}' is {kind}; Relume needs a perspective or orthographic one")
+        raise ProblemError(f"Camera '{camera.name}' is {kind}; use a perspective, orthographic or panoramic one")
     if words := why_no_picture(scene):
         raise ProblemError(words)
     try:

@@ -13,6 +13,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core.solve import SolveError
+from ...export.camera import PLANAR
 from ..staleness.fingerprints import GEOMETRY
 
 SIZE = 160
@@ -55,6 +56,10 @@ def masks(scene_uid: int, subjects: list[MaskSubject], aspect: float) -> Iterato
         if bpy.context.scene != scene:
             raise SolveError(
                 f"Objects are looked for while scene '{scene.name}' is shown: go back to it and solve again"
+            )
+        if scene.camera.data.type not in PLANAR:
+            raise SolveError(
+                "Objects cannot be looked for in panoramas: paint the region, or use a picture as its mask"
             )
         unseen = unseen or _Unseen(scene)
         cast = _Caster(scene, unseen)

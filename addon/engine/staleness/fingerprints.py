@@ -240,6 +240,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     }
     if not obj.visible_volume_scatter:
         found["scatter"] = "hidden"
+    if obj.is_holdout:
+        found["holdout"] = "on"
     if asked := _asked_of(obj):
         found["attributes"] = hashed(asked)
     if obj.data is not None:

@@ -28,6 +28,8 @@ class _WorldRecorder:
     def set_world(self, color: list[float], texture: Any = None, **shape: Any) -> None:
         """Records the world; called like the scene builder's method."""
         self.color, self.shape = color, [texture, sorted(shape.items())]
+        if "parts" in shape:  # No strength is that of the whole.
+            self.shape.append(color)
 
     def number(self, image: bpy.types.Image, _owner: str, settings: bpy.types.ImageUser) -> str:
         """Identifies an image with its settings; called like the image exporter's method."""

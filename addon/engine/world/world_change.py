@@ -35,14 +35,21 @@ class WorldTask:
         """A `relume.World`, once it is done."""
         self.error: Exception | None = None
         self._stopped = False
-        steps = _Steps(by_blender, before.source if before else None, lambda: self._stopped)
-        export_world(steps, ImageExporter(steps, scene.frame_current), steps.texture_of, scene, render_layer(scene))
-        self.source: Hashable = steps.source
+        known = before.source if before else None
+        steps = self._steps(scene, by_blender, known)
+        if steps.has_parts and steps.is_same:
+            steps = self._steps(scene, by_blender, None)
+        self.source: Hashable = None if steps.has_parts else steps.source
         """Source of its texture; None if nothing tells whether another one is the same."""
         self._texture_of = before.world if before and steps.is_same else None
         self._builder = native().SceneBuilder(working_space())
         self._thread = threading.Thread(target=self._run, args=(steps.calls,), daemon=True)
         self._thread.start()
+
+    def _steps(self, scene: bpy.types.Scene, by_blender: bool, known: Hashable) -> _Steps:
+        steps = _Steps(by_blender, known, lambda: self._stopped)
+        export_world(steps, ImageExporter(steps, scene.frame_current), steps.texture_of, scene, render_layer(scene))
+        return steps
 
     def _run(self, calls: list[Callable[[Any], None]]) -> None:
         try:
@@ -80,6 +87,8 @@ class _Steps:
         self.source: Hashable = None
         self.is_same = False
         """True if the texture is that of `known`, and need not be read."""
+        self.has_parts = False
+        """True if rays of some kinds see another light: each part has a texture of its own."""
         self._by_blender, self._known, self._stop = by_blender, known, stop
         self._textures = 0
 
@@ -110,6 +119,7 @@ class _Steps:
 
     def set_world(self, *arguments: Any, **more: Any) -> None:
         """Sets the world; called like the scene builder's method."""
+        self.has_parts = "parts" in more
         if self.is_same:
             more["texture"] = None
         self.calls.append(lambda builder: builder.set_world(*arguments, **more))

@@ -215,6 +215,7 @@ CLOSURES: dict[str, TranslateClosure] = {
     ),
     "ShaderNodeBsdfTransparent": _simple("transparent", ("color", "Color", WHITE)),
     "ShaderNodeSubsurfaceScattering": _subsurface,
+    "ShaderNodeHoldout": _simple("holdout"),
     "ShaderNodeEmission": EMISSION,
     "ShaderNodeBackground": EMISSION,
     "ShaderNodeMixShader": MIX,
@@ -226,6 +227,4 @@ CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeVolumeCoefficients": _nothing,
 }
 
-FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {
-    "ShaderNodeHoldout": ("black", _nothing),
-}
+FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {}

@@ -58,8 +58,6 @@ class ConstantTranslation(Translation):
         self.compute = compute
         self.light_path = light_path
         self.is_sun = is_sun
-        self.uses_light_path = False
-        """True if the value depends on the kind of ray that sees it."""
         self.varying: dict[int, bpy.types.Node] = {}
         self._present: list[bpy.types.Node] = []
         """The nodes in translation."""
@@ -94,7 +92,6 @@ class ConstantTranslation(Translation):
     def _output(self, source: Source) -> Any:
         node, output = source.node, source.socket.identifier
         if node.bl_idname == "ShaderNodeLightPath" and (value := self.light_path(output)) is not None:
-            self.uses_light_path = True
             return value
         if node.bl_idname == "ShaderNodeLightFalloff" and self._is_plain(source):
             return self.value(node, "Strength", source.context)

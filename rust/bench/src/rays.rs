@@ -121,10 +121,10 @@ pub fn camera_rays(scene: &Scene) -> Vec<Ray> {
     let camera = CameraSampler::new(&scene.camera, PixelFilter::Box);
     let pixels = scene.camera.width * scene.camera.height;
     let ray = |pixel: usize| {
-        let ray = camera.ray(pixel % scene.camera.width, pixel / scene.camera.width, [0.5; 4]);
-        Ray::new(ray.origin, ray.direction)
+        let ray = camera.ray(pixel % scene.camera.width, pixel / scene.camera.width, [0.5; 4])?;
+        Some(Ray::new(ray.origin, ray.direction))
     };
-    (0..pixels).map(ray).collect()
+    (0..pixels).filter_map(ray).collect()
 }
 
 /// Cosine-distributed rays off whatever the rays hit.

@@ -8,6 +8,13 @@ pub struct SegmentClasses {
     pub bounce_limits: Vec<u32>,
     /// Sets of receivers that alone block some lights, each ascending; an empty one belongs to lights without shadow.
     pub blockers: Vec<Vec<u16>>,
+    /// True if segments behind glass that a transparent film shows through are told apart: no world is seen there.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub film_glass: bool,
+}
+
+fn is_false(value: &bool) -> bool {
+    !*value
 }
 
 /// Ray that a segment stands for.
@@ -19,12 +26,22 @@ pub enum Sight {
     Singular,
     /// A shadow ray that only one of the sets of blockers stops.
     Linked(usize),
+    /// [`Sight::Shadow`] behind glass that a transparent film shows through.
+    ShadowBehindGlass,
+    /// [`Sight::Singular`] behind glass that a transparent film shows through.
+    SingularBehindGlass,
 }
 
 impl SegmentClasses {
     /// Number of classes.
     pub fn count(&self) -> usize {
-        (2 + self.blockers.len()).saturating_mul(self.intervals())
+        let behind_glass = if self.film_glass { 2 } else { 0 };
+        (2 + self.blockers.len() + behind_glass).saturating_mul(self.intervals())
+    }
+
+    /// First class of segments along which no world is seen.
+    pub fn first_without_world(&self) -> usize {
+        2 * self.intervals()
     }
 
     /// Number of the class of segments from a vertex with so many bounces before it.
@@ -33,6 +50,8 @@ impl SegmentClasses {
             Sight::Shadow => 0,
             Sight::Singular => 1,
             Sight::Linked(set) => 2 + set,
+            Sight::ShadowBehindGlass => 2 + self.blockers.len(),
+            Sight::SingularBehindGlass => 3 + self.blockers.len(),
         };
         row * self.intervals() + self.bounce_limits.partition_point(|limit| *limit < bounces)
     }
@@ -40,10 +59,12 @@ impl SegmentClasses {
     /// Ray that the segments of a class stand for, and the most bounces before them; none without limit.
     pub fn rules(&self, class: usize) -> (Sight, Option<u32>) {
         let (row, interval) = (class / self.intervals(), class % self.intervals());
-        let sight = match row {
-            0 => Sight::Shadow,
-            1 => Sight::Singular,
-            row => Sight::Linked(row - 2),
+        let sight = match row.checked_sub(2 + self.blockers.len()) {
+            None if row == 0 => Sight::Shadow,
+            None if row == 1 => Sight::Singular,
+            None => Sight::Linked(row - 2),
+            Some(0) => Sight::ShadowBehindGlass,
+            Some(_) => Sight::SingularBehindGlass,
         };
         (sight, self.bounce_limits.get(interval).copied())
     }
@@ -85,18 +106,23 @@ mod tests {
 
     #[test]
     fn each_class_has_its_rules() {
-        let classes = SegmentClasses { bounce_limits: vec![0, 3], blockers: vec![vec![], vec![2, 5]] };
-        assert_eq!(classes.count(), 12);
+        let blockers = vec![vec![], vec![2, 5]];
+        let classes = SegmentClasses { bounce_limits: vec![0, 3], blockers, film_glass: true };
+        assert_eq!(classes.count(), 18);
         for (sight, bounces, most) in [
             (Sight::Shadow, 0, Some(0)),
             (Sight::Shadow, 1, Some(3)),
             (Sight::Singular, 3, Some(3)),
             (Sight::Linked(0), 4, None),
             (Sight::Linked(1), 0, Some(0)),
+            (Sight::ShadowBehindGlass, 4, None),
+            (Sight::SingularBehindGlass, 2, Some(3)),
         ] {
             let class = classes.class(sight, bounces);
             assert!(class < classes.count());
             assert_eq!(classes.rules(class), (sight, most));
+            let sees_world = matches!(sight, Sight::Shadow | Sight::Singular);
+            assert_eq!(class < classes.first_without_world(), sees_world, "{sight:?}");
         }
     }
 }

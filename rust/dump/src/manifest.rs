@@ -108,11 +108,10 @@ impl Manifest {
         self.receivers.len().saturating_mul(self.classes.as_ref().map_or(1, SegmentClasses::count))
     }
 
-    /// First receiver number of segments that only lights with blockers of their own count along.
-    pub fn first_linked(&self) -> u16 {
-        let linked =
-            |classes: &SegmentClasses| classes.class(crate::Sight::Linked(0), 0) * self.receivers.len();
-        self.classes.as_ref().map_or(crate::RECEIVER_LIMIT, |classes| linked(classes) as u16)
+    /// First receiver number of segments along which no world is seen.
+    pub fn first_without_world(&self) -> u16 {
+        let first = |classes: &SegmentClasses| classes.first_without_world() * self.receivers.len();
+        self.classes.as_ref().map_or(crate::RECEIVER_LIMIT, |classes| first(classes) as u16)
     }
 
     /// Samples per pixel over all passes.

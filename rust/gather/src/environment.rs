@@ -14,7 +14,10 @@ pub struct Environment {
     pub(crate) color: Vec3,
     pub(crate) map: Option<Arc<Map>>,
     pub(crate) texture_from_world: Mat3,
-    pub(crate) visible_camera: bool,
+    /// Bit per [`Lobe`] that sees it.
+    pub(crate) lobes: u32,
+    /// What segments of other lobes see.
+    parts: Vec<Self>,
 }
 
 /// Linear RGB; row 0 is the bottom.
@@ -31,30 +34,59 @@ impl Environment {
     /// # Errors
     /// If the texture's size and texels disagree.
     pub fn new(world: &World, textures: &[Texture]) -> Result<Self, GatherError> {
-        let texture = world.texture.and_then(|index| textures.get(index));
+        let map = |texture: Option<usize>| {
+            let texture = texture.and_then(|index| textures.get(index));
+            Ok::<_, GatherError>(texture.map(Map::new).transpose()?.map(Arc::new))
+        };
+        let parts = world.parts.iter().map(|part| {
+            Ok(Self {
+                color: part.color.into(),
+                map: map(part.texture)?,
+                texture_from_world: part.texture_from_world,
+                lobes: bits(part.rays),
+                parts: Vec::new(),
+            })
+        });
         Ok(Self {
             color: world.color.into(),
-            map: texture.map(Map::new).transpose()?.map(Arc::new),
+            map: map(world.texture)?,
             texture_from_world: world.texture_from_world,
-            visible_camera: world.visible_camera,
+            lobes: bits(world.rays()),
+            parts: parts.collect::<Result<_, GatherError>>()?,
         })
     }
 
-    /// Another world of the same texture, which is shared; the texture that `world` itself names is not looked at.
+    /// Another world of the same texture, which is shared, without parts; the texture that `world` itself names is not looked at.
     pub fn with_texture_for(&self, world: &World) -> Self {
         Self {
             color: world.color.into(),
             map: self.map.clone(),
             texture_from_world: world.texture_from_world,
-            visible_camera: world.visible_camera,
+            lobes: bits(world.rays()),
+            parts: Vec::new(),
         }
     }
 
-    /// Radiance from a unit direction, RGB, scene-linear.
+    /// The layer that segments of a lobe see.
+    fn layer(&self, lobe: Lobe) -> Option<&Self> {
+        self.layers().find(|layer| layer.lobes & 1 << lobe as u32 != 0)
+    }
+
+    /// Its own light and its parts, each for lobes of its own.
+    pub(crate) fn layers(&self) -> impl Iterator<Item = &Self> {
+        std::iter::once(self).chain(&self.parts)
+    }
+
+    /// Radiance from a unit direction, RGB, scene-linear; not that of its parts.
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         let texel = |map: &Map| map.lookup(self.texture_from_world * direction);
         self.map.as_deref().map_or(self.color, |map| self.color * texel(map))
     }
+}
+
+/// Bit mask of kinds of rays.
+fn bits(rays: [bool; 5]) -> u32 {
+    rays.iter().enumerate().map(|(kind, sees)| u32::from(*sees) << kind).sum()
 }
 
 impl Map {
@@ -137,10 +169,10 @@ impl Gather {
             for (pixel, sum) in sums.iter_mut().enumerate() {
                 for record in half.records(shard, pixel) {
                     let flags = Flags((z_flags[record] >> 16) as u16);
-                    let hidden = flags.lobe() == Some(Lobe::Camera) && !environment.visible_camera;
-                    let is_linked = flags.receiver() >= manifest.first_linked();
-                    if flags.escaped() && !hidden && !is_linked && flags.lobe().is_some() {
-                        let radiance = environment.radiance(decode_direction(xy[record]));
+                    let is_without_world = flags.receiver() >= manifest.first_without_world();
+                    let lobe = flags.lobe().filter(|_| flags.escaped() && !is_without_world);
+                    if let Some(layer) = lobe.and_then(|lobe| environment.layer(lobe)) {
+                        let radiance = layer.radiance(decode_direction(xy[record]));
                         *sum += decode_rgb9e5(throughput[record]) * radiance;
                     }
                 }

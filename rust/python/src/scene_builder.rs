@@ -21,6 +21,9 @@ pub struct PySceneBuilder {
 /// Largest value of an emission map, and the map as JSON.
 type StoredMap = (f32, String);
 
+/// Rays, colour, texture and rows of the direction of a [`scene::WorldPart`].
+type WorldPartArguments = ([bool; 5], [f32; 3], Option<usize>, [[f32; 3]; 3]);
+
 /// Source of the bytes of a texture.
 #[derive(FromPyObject)]
 enum TextureFile<'py> {
@@ -174,7 +177,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -192,6 +195,7 @@ impl PySceneBuilder {
         visibility: [bool; 4],
         visible_volume_scatter: bool,
         visible_shadow: bool,
+        is_holdout: bool,
         density_factor: f32,
         grids: Option<usize>,
         attributes: Vec<(String, [f32; 4])>,
@@ -217,6 +221,7 @@ impl PySceneBuilder {
             visible_transmission,
             visible_volume_scatter,
             visible_shadow,
+            is_holdout,
             density_factor,
             grids,
             attributes,
@@ -371,7 +376,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (color, *, texture=None, texture_from_world=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        visible_camera=true, volume=None, receiver=0))]
+        visible_camera=true, parts=Vec::new(), volume=None, receiver=0))]
     fn set_world(
         &mut self,
         py: Python<'_>,
@@ -379,11 +384,18 @@ impl PySceneBuilder {
         texture: Option<usize>,
         texture_from_world: [[f32; 3]; 3],
         visible_camera: bool,
+        parts: Vec<WorldPartArguments>,
         volume: Option<usize>,
         receiver: u16,
     ) -> PyResult<()> {
         let texture_from_world = mat3_from_rows(texture_from_world);
-        let world = scene::World { color, texture, texture_from_world, visible_camera, volume, receiver };
+        let part = |(rays, color, texture, rows)| {
+            let texture_from_world = mat3_from_rows(rows);
+            scene::WorldPart { rays, color, texture, texture_from_world }
+        };
+        let parts = parts.into_iter().map(part).collect();
+        let world =
+            scene::World { color, texture, texture_from_world, visible_camera, parts, volume, receiver };
         enter_native(py, || self.builder.set_world(world))
     }
 

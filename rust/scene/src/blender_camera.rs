@@ -12,7 +12,7 @@ pub struct BlenderCamera {
     pub name: String,
     /// Rows of the object's world matrix; its scale is ignored.
     pub world_from_object: [[f32; 4]; 4],
-    /// `Camera.type`; panoramas are not known.
+    /// `Camera.type` and `panorama_type`, with the settings of that.
     pub projection: Projection,
     /// Film size in pixels, after resolution percentage: width, height.
     pub resolution: [usize; 2],
@@ -95,7 +95,12 @@ impl BlenderCamera {
         Ok(Camera {
             name: self.name.clone(),
             world_from_camera: self.world_from_camera(&self.world_from_object)?,
-            projection: self.projection,
+            projection: match self.projection {
+                Projection::Panoramic(panorama) => {
+                    Projection::Panoramic(panorama.on_sensor(self.edges(self.fitted_sensor())))
+                }
+                planar => planar,
+            },
             width,
             height,
             window_min,
@@ -109,8 +114,13 @@ impl BlenderCamera {
         })
     }
 
-    /// Film window on the plane z = -1 (perspective) or in metres (orthographic).
-    fn window(&self) -> (Vec2, Vec2) {
+    /// Size of the sensor's edge that fits the film, millimetres.
+    fn fitted_sensor(&self) -> f32 {
+        if self.sensor_fit == SensorFit::Vertical { self.sensor[1] } else { self.sensor[0] }
+    }
+
+    /// Width and height of a film whose fitted edge has this length; the other edge follows the aspect ratio.
+    fn edges(&self, fitted: f32) -> Vec2 {
         let size = Vec2::new(self.resolution[0] as f32, self.resolution[1] as f32);
         let aspect = size * Vec2::from_array(self.pixel_aspect);
         let horizontal = match self.sensor_fit {
@@ -118,16 +128,24 @@ impl BlenderCamera {
             SensorFit::Horizontal => true,
             SensorFit::Vertical => false,
         };
-        let sensor = if self.sensor_fit == SensorFit::Vertical { self.sensor[1] } else { self.sensor[0] };
-        // Half of the fitted edge; the other edge follows the aspect ratio.
+        match horizontal {
+            true => Vec2::new(fitted, fitted * aspect.y / aspect.x),
+            false => Vec2::new(fitted * aspect.x / aspect.y, fitted),
+        }
+    }
+
+    /// Film window on the plane z = -1 (perspective), in metres (orthographic) or of 0..1 and shifted (panoramic).
+    fn window(&self) -> (Vec2, Vec2) {
+        if let Projection::Panoramic(_) = self.projection {
+            let shift = Vec2::from_array(self.shift);
+            return (shift, shift + 1.0);
+        }
+        // Half of the fitted edge.
         let half_fit = match self.projection {
-            Projection::Perspective => 0.5 * sensor / self.lens,
             Projection::Orthographic => 0.5 * self.ortho_scale,
+            _ => 0.5 * self.fitted_sensor() / self.lens,
         };
-        let half = match horizontal {
-            true => Vec2::new(half_fit, half_fit * aspect.y / aspect.x),
-            false => Vec2::new(half_fit * aspect.x / aspect.y, half_fit),
-        };
+        let half = self.edges(half_fit);
         let shift = Vec2::from_array(self.shift) * 2.0 * half_fit;
         (shift - half, shift + half)
     }
@@ -135,8 +153,8 @@ impl BlenderCamera {
     fn lens_of(&self, dof: BlenderDepthOfField) -> DepthOfField {
         let fstop = dof.fstop.max(1e-5);
         let diameter = match self.projection {
-            Projection::Perspective => self.lens * 1e-3 / fstop,
             Projection::Orthographic => 1.0 / fstop,
+            _ => self.lens * 1e-3 / fstop,
         };
         DepthOfField {
             aperture_radius: 0.5 * diameter,
@@ -180,6 +198,11 @@ impl BlenderCamera {
         let keys = keys_fault(self.motion.len());
         if let Some(reason) = keys.or_else(|| self.shutter.as_ref().and_then(Shutter::fault)) {
             return Err(self.error(reason));
+        }
+        if let Projection::Panoramic(panorama) = &self.projection
+            && !panorama.on_sensor(Vec2::ONE).is_sound()
+        {
+            return Err(self.error("its panorama needs an angle of view, a lens and a sensor above zero"));
         }
         if let Some(dof) = self.depth_of_field
             && !(dof.focus_distance > 0.0 && dof.ratio > 0.0 && dof.fstop > 0.0 && dof.rotation.is_finite())
@@ -242,6 +265,26 @@ mod tests {
     }
 
     #[test]
+    fn lenses_of_panoramas_show_what_the_fitted_sensor_does() {
+        let fisheye = crate::Panorama::FisheyeEquisolid { lens: 10.5, fov: 3.0, sensor: [0.0; 2] };
+        let panoramic = BlenderCamera { projection: Projection::Panoramic(fisheye), ..camera() };
+        for (resolution, sensor_fit, expected) in [
+            ([32, 20], SensorFit::Auto, [36.0, 22.5]),
+            ([32, 20], SensorFit::Vertical, [38.4, 24.0]),
+            ([20, 32], SensorFit::Auto, [22.5, 36.0]),
+            ([20, 32], SensorFit::Horizontal, [36.0, 57.6]),
+        ] {
+            let fitted = BlenderCamera { resolution, sensor_fit, shift: [0.1, 0.2], ..panoramic.clone() };
+            let c = fitted.to_camera().unwrap();
+            let Projection::Panoramic(crate::Panorama::FisheyeEquisolid { sensor, .. }) = c.projection else {
+                panic!("another projection")
+            };
+            assert!((Vec2::from(sensor) - Vec2::from(expected)).length() < 1e-4, "{sensor:?}");
+            assert_eq!((c.window_min, c.window_max), (Vec2::new(0.1, 0.2), Vec2::new(1.1, 1.2)));
+        }
+    }
+
+    #[test]
     fn orthographic_scale_is_the_longer_edge() {
         let c = BlenderCamera { projection: Projection::Orthographic, ..camera() }.to_camera().unwrap();
         assert!((c.window_max - Vec2::new(3.0, 3.0 * 9.0 / 16.0)).length() < 1e-6);
@@ -264,6 +307,10 @@ mod tests {
             BlenderCamera { clip_end: 0.05, ..camera() },
             BlenderCamera { zoom: Some([50.0, 0.0]), ..camera() },
             BlenderCamera { motion: vec![camera().world_from_object; 2], ..camera() },
+            BlenderCamera {
+                projection: Projection::Panoramic(crate::Panorama::FisheyeEquidistant { fov: 0.0 }),
+                ..camera()
+            },
             BlenderCamera { world_from_object: [[0.0; 4]; 4], ..camera() },
         ] {
             assert!(broken.to_camera().unwrap_err().to_string().contains("'Cam'"));

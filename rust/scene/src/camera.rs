@@ -1,6 +1,6 @@
 use glam::{Affine3A, Vec2};
 
-use crate::{Pose, Shutter};
+use crate::{Panorama, Pose, Shutter};
 
 /// A Blender camera: looks down its local -z, +x right, +y up.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -16,11 +16,11 @@ pub struct Camera {
     /// See `width`.
     pub height: usize,
     /// Lower left corner of the film window on the plane z = -1 (perspective) or in metres (orthographic), in
-    /// camera space; shift, sensor fit and pixel aspect are already applied.
+    /// camera space; shift, sensor fit and pixel aspect are already applied. Panoramic films are 0..1.
     pub window_min: Vec2,
     /// Upper right corner, see `window_min`.
     pub window_max: Vec2,
-    /// Rays start at this distance along -z, in metres.
+    /// Rays start at this distance along -z, in metres; panoramic ones along themselves, also below.
     pub clip_start: f32,
     /// Rays end at this distance along -z, in metres.
     #[serde(deserialize_with = "null_as_infinity")]
@@ -40,13 +40,15 @@ pub struct Camera {
 }
 
 /// The kind of projection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Projection {
     /// All rays leave the camera's position (or lens).
     Perspective,
     /// Parallel rays along -z.
     Orthographic,
+    /// Rays in directions of their own, which leave the camera's position (or lens).
+    Panoramic(Panorama),
 }
 
 /// Thin lens parameters as Cycles uses them.

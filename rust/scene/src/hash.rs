@@ -38,9 +38,21 @@ impl Scene {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// Hash of the scene's world map; see [`World::map`].
+    /// Hash of the scene's world map; see [`World::map`]. Of a world with parts everything counts: a strength is that of one
+    /// part.
     pub fn world_map(&self) -> String {
-        self.world.map(self.world_texture().map(Texture::digest).as_deref())
+        let digest = |texture: &Texture| texture.digest();
+        let map = self.world.map(self.world_texture().map(digest).as_deref());
+        if self.world.parts.is_empty() {
+            return map;
+        }
+        let mut hasher = Hasher::new();
+        json(&mut hasher, &(map, self.world.color));
+        for part in &self.world.parts {
+            let texture = part.texture.and_then(|number| self.textures.get(number)).map(digest);
+            json(&mut hasher, &(part.rays, part.color, part.texture_from_world, texture));
+        }
+        hasher.finalize().to_hex().to_string()
     }
 
     /// The texture of the world.
@@ -182,6 +194,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if !instance.visible_shadow {
         json(hasher, &"no shadow");
     }
+    if instance.is_holdout {
+        json(hasher, &"holdout");
+    }
 }
 
 fn hash_grid(hasher: &mut Hasher, grid: &Grid) {
@@ -203,7 +218,9 @@ mod tests {
     use glam::{Affine3A, Vec3, Vec4};
 
     use super::*;
-    use crate::{DenseGrid, GridInterpolation, GridSet, Light, LightShape, Pose, Shutter, Undisplaced};
+    use crate::{
+        DenseGrid, GridInterpolation, GridSet, Light, LightShape, Pose, Shutter, Undisplaced, WorldPart,
+    };
 
     fn scene() -> Scene {
         Scene {
@@ -227,10 +244,11 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 22] = [
+        let changes: [fn(&mut Scene); 23] = [
             |scene| scene.meshes[0].undisplaced = Some(Undisplaced::default()),
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
+            |scene| scene.instances[0].is_holdout = true,
             |scene| scene.instances[0].density_factor = 0.5,
             |scene| scene.meshes[0].motion = vec![Vec3::ONE; 3],
             |scene| scene.instances[0].motion = poses(),
@@ -348,6 +366,39 @@ mod tests {
         assert_eq!(maps.len(), count);
         let brighter = Scene { world: World { color: [3.0, 1.0, 0.5], ..mapped(7).world }, ..mapped(7) };
         assert_eq!(brighter.world_map(), mapped(7).world_map());
+    }
+
+    #[test]
+    fn all_of_a_world_with_parts_counts() {
+        let part = WorldPart {
+            rays: [true, false, false, false, false],
+            color: [1.0; 3],
+            texture: Some(0),
+            texture_from_world: glam::Mat3::IDENTITY,
+        };
+        let with_part = || Scene {
+            world: World { color: [1.0; 3], parts: vec![part.clone()], ..World::default() },
+            textures: vec![texture(7)],
+            ..scene()
+        };
+        let changes: [fn(&mut Scene); 6] = [
+            |scene| scene.world.parts.clear(),
+            |scene| scene.world.color = [2.0; 3],
+            |scene| scene.world.parts[0].color = [2.0; 3],
+            |scene| scene.world.parts[0].rays[2] = true,
+            |scene| scene.world.parts[0].texture = None,
+            |scene| scene.textures[0] = texture(8),
+        ];
+        let mut maps = vec![with_part().world_map()];
+        for change in changes {
+            let mut changed = with_part();
+            change(&mut changed);
+            maps.push(changed.world_map());
+        }
+        let count = maps.len();
+        maps.sort();
+        maps.dedup();
+        assert_eq!(maps.len(), count);
     }
 
     #[test]

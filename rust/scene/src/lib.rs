@@ -25,6 +25,7 @@ mod motion;
 mod node;
 mod node_settings;
 mod obj;
+mod panorama;
 mod phase;
 mod picture_file;
 mod points;
@@ -64,6 +65,7 @@ pub use node_settings::{
     ToonComponent, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
+pub use panorama::Panorama;
 pub use phase::PhaseFunction;
 pub use picture_file::{FileColors, PictureFile};
 pub use points::Points;
@@ -77,7 +79,7 @@ pub use texture::{ColorEncoding, Extension, ImageProjection, Interpolation, Texe
 pub use thin_film::{FilmModel, ThinFilm};
 pub use validate::{MOST_RADIANCE, SceneFault};
 pub use vdb::VdbFile;
-pub use world::World;
+pub use world::{World, WorldPart};
 
 /// Everything that the tracer needs, and the lights that the file came with.
 #[derive(Clone, Debug, Default)]

@@ -118,6 +118,9 @@ pub struct Instance {
     /// Seen by shadow rays. Where it is not, light passes it, and paths meet it all the same.
     #[serde(default = "yes", skip_serializing_if = "is_yes")]
     pub visible_shadow: bool,
+    /// Cut out of the film where the camera sees it: nothing is there, and its alpha is 0. Other rays meet it all the same.
+    #[serde(default, skip_serializing_if = "is_no")]
+    pub is_holdout: bool,
     /// Factor on the density of the medium inside (Cycles' volume density of an object, in object or world space).
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub density_factor: f32,
@@ -133,6 +136,10 @@ fn yes() -> bool {
 
 fn is_yes(value: &bool) -> bool {
     *value
+}
+
+fn is_no(value: &bool) -> bool {
+    !*value
 }
 
 fn one() -> f32 {
@@ -182,6 +189,7 @@ impl Instance {
             visible_transmission: true,
             visible_volume_scatter: true,
             visible_shadow: true,
+            is_holdout: false,
             density_factor: 1.0,
         }
     }

@@ -161,6 +161,8 @@ with_sockets! {
             color: Input,
             strength: Input,
         },
+        /// Cuts a hole into the film where the camera sees it; black to other rays.
+        Holdout,
         MixShader {
             factor: Input,
             a: Option<NodeId>,

@@ -1,7 +1,9 @@
 use std::fmt;
 
 use crate::motion::{keys_fault, shape_fault};
-use crate::{Grid, Input, Instance, Material, Mesh, Node, Scene, Shutter, Texels, Texture, World};
+use crate::{
+    Grid, Input, Instance, Material, Mesh, Node, Projection, Scene, Shutter, Texels, Texture, World,
+};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -110,6 +112,8 @@ impl Scene {
             Some("its view is empty; check sensor, focal length and scale".to_owned())
         } else if !(camera.clip_start >= 0.0 && camera.clip_start < camera.clip_end) {
             Some("its clip range is empty; set the end above the start".to_owned())
+        } else if matches!(&camera.projection, Projection::Panoramic(panorama) if !panorama.is_sound()) {
+            Some("its panorama shows nothing; check its angle of view, lens and sensor".to_owned())
         } else if !lens_is_sound {
             Some("its depth of field has no positive focus distance or aperture".to_owned())
         } else if camera
@@ -188,14 +192,18 @@ fn glow(node: &Node) -> f32 {
 
 /// Fault of a world, in words.
 pub(crate) fn world_fault(world: &World, textures: &[Texture]) -> Option<String> {
-    if world.texture.is_some_and(|texture| texture >= textures.len()) {
+    let mut maps = world.parts.iter().map(|part| part.texture).chain([world.texture]).flatten();
+    if maps.any(|texture| texture >= textures.len()) {
         return Some("its image does not exist".to_owned());
     }
-    let is_finite = world.color.iter().all(|value| value.is_finite()) && world.texture_from_world.is_finite();
+    let colors = || world.parts.iter().map(|part| part.color).chain([world.color]).flatten();
+    let is_finite = colors().all(f32::is_finite)
+        && world.texture_from_world.is_finite()
+        && world.parts.iter().all(|part| part.texture_from_world.is_finite());
     if !is_finite {
         return Some("a value is not a finite number; correct its colour, strength or mapping".to_owned());
     }
-    let is_too_bright = world.color.iter().any(|value| *value > MOST_RADIANCE);
+    let is_too_bright = colors().any(|value| value > MOST_RADIANCE);
     is_too_bright.then(|| format!("it is brighter than {MOST_RADIANCE:e}; lower its strength"))
 }
 

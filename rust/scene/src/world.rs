@@ -11,6 +11,9 @@ pub struct World {
     pub texture_from_world: Mat3,
     /// True if camera rays see it; otherwise black (and film transparent).
     pub visible_camera: bool,
+    /// Other light for rays of some kinds, which see nothing else of the world. No two have a kind in common.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<WorldPart>,
     /// Medium that fills all space, by the number of a material with a volume, an index into [`crate::Scene::materials`]. Unlike the
     /// rest of the world it decides paths.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -18,6 +21,27 @@ pub struct World {
     /// Receiver number of that medium, for light linking.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub receiver: u16,
+}
+
+/// Light of a world for rays of some kinds.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct WorldPart {
+    /// Rays that see it: those of the camera, diffuse, glossy, transmitted and scattered in media.
+    pub rays: [bool; 5],
+    /// See [`World::color`].
+    pub color: [f32; 3],
+    /// See [`World::texture`].
+    pub texture: Option<usize>,
+    /// See [`World::texture_from_world`].
+    pub texture_from_world: Mat3,
+}
+
+impl World {
+    /// Rays that see its own light, not a part, in the order of [`WorldPart::rays`].
+    pub fn rays(&self) -> [bool; 5] {
+        let in_part = |kind: usize| self.parts.iter().any(|part| part.rays[kind]);
+        std::array::from_fn(|kind| !in_part(kind) && (kind > 0 || self.visible_camera))
+    }
 }
 
 fn is_zero(value: &u16) -> bool {
@@ -31,6 +55,7 @@ impl Default for World {
             texture: None,
             texture_from_world: Mat3::IDENTITY,
             visible_camera: true,
+            parts: Vec::new(),
             volume: None,
             receiver: 0,
         }

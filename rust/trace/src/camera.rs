@@ -4,7 +4,7 @@
 use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
-use relume_scene::{Camera, DepthOfField, Pose, Projection, STILL, blend};
+use relume_scene::{Camera, DepthOfField, Panorama, Pose, Projection, STILL, blend};
 
 use crate::{
     filter::{FilterTable, PixelFilter},
@@ -45,7 +45,7 @@ impl CameraSampler {
 
     /// True if all rays start at the camera's position (apart from the near clipping plane).
     pub fn is_pinhole(&self) -> bool {
-        self.camera.projection == Projection::Perspective
+        self.camera.projection != Projection::Orthographic
             && self.lens().is_none()
             && self.camera.motion.is_empty()
     }
@@ -55,8 +55,9 @@ impl CameraSampler {
         self.shutter.as_ref().map_or(STILL, |shutter| shutter.time(y, self.camera.height, u()))
     }
 
-    /// The ray of pixel `x`, `y` (from the top left) at a time, for two numbers for the film and two for the lens.
-    pub fn ray(&self, x: usize, y: usize, time: f32, u: [f32; 4]) -> CameraRay {
+    /// The ray of pixel `x`, `y` (from the top left) at a time, for two numbers for the film and two for the lens; none
+    /// where a lens shows nothing.
+    pub fn ray(&self, x: usize, y: usize, time: f32, u: [f32; 4]) -> Option<CameraRay> {
         let camera = &self.camera;
         let size = Vec2::new(camera.width as f32, camera.height as f32);
         let raster = Vec2::new(x as f32, y as f32)
@@ -99,24 +100,42 @@ impl CameraSampler {
                 footprint = 0.5 * (pixel.x + pixel.y);
                 spread = 0.0;
             }
+            Projection::Panoramic(panorama) => {
+                let ahead = panorama.direction(window)?;
+                let aside = |step: Vec2| panorama.direction(window + step).unwrap_or(ahead) - ahead;
+                let steps = aside(pixel * Vec2::X).length() + aside(pixel * Vec2::Y).length();
+                let on_lens = on_aperture(&panorama, ahead, lens);
+                direction = if has_lens { (ahead * focus - on_lens).normalize() } else { ahead };
+                spread = 0.5 * steps;
+                start = camera.clip_start;
+                origin = on_lens + direction * start;
+                length = depth;
+                footprint = start * spread;
+            }
         }
         let world = match &camera.motion[..] {
             [] => camera.world_from_camera,
             poses => Pose::at(poses, time),
         };
-        CameraRay {
+        Some(CameraRay {
             origin: world.transform_point3(origin),
             direction: world.transform_vector3(direction).normalize_or(Vec3::NEG_Z),
             length,
             start,
             footprint,
             spread,
-        }
+        })
     }
 
     fn lens(&self) -> Option<&DepthOfField> {
         self.camera.depth_of_field.as_ref().filter(|lens| lens.aperture_radius > 0.0)
     }
+}
+
+/// Point of the aperture in camera space: that of a panorama faces each of its rays.
+fn on_aperture(panorama: &Panorama, direction: Vec3, lens: Vec2) -> Vec3 {
+    let [u, v] = panorama.aperture_axes(direction);
+    u * lens.x + v * lens.y
 }
 
 /// A uniform point on the aperture, metres.
@@ -164,7 +183,7 @@ mod tests {
     #[test]
     fn perspective_rays_go_through_pixel_centres_top_row_up() {
         let sampler = CameraSampler::new(&camera(), PixelFilter::Box);
-        let ray = sampler.ray(0, 0, STILL, CENTER);
+        let ray = sampler.ray(0, 0, STILL, CENTER).unwrap();
         let expected = Vec3::new(-0.75, 0.25, -1.0);
         assert!((ray.direction - expected.normalize()).length() < 1e-6, "{ray:?}");
         assert!((ray.origin - expected * 0.1).length() < 1e-6, "starts on the near plane: {ray:?}");
@@ -181,7 +200,7 @@ mod tests {
         for (time, angle, factor) in [(0.0, -0.4, 3.0), (0.25, -0.2, 2.0), (0.5, 0.0, 1.0), (1.0, 0.4, 0.5)] {
             let film = Vec3::new(-0.75 * factor, 0.25 * factor, -1.0).normalize();
             let expected = Quat::from_rotation_y(angle) * film;
-            let found = sampler.ray(0, 0, time, CENTER).direction;
+            let found = sampler.ray(0, 0, time, CENTER).unwrap().direction;
             assert!((found - expected).length() < 1e-5, "{time}: {found} {expected}");
         }
     }
@@ -189,7 +208,7 @@ mod tests {
     #[test]
     fn footprint_is_the_size_of_a_pixel() {
         let sampler = CameraSampler::new(&camera(), PixelFilter::Box);
-        let [a, b] = [1, 2].map(|x| sampler.ray(x, 1, STILL, CENTER));
+        let [a, b] = [1, 2].map(|x| sampler.ray(x, 1, STILL, CENTER).unwrap());
         let distance = 10.0 / -a.direction.z;
         let at = |ray: CameraRay| ray.origin + ray.direction * (10.0 / -ray.direction.z - ray.start);
         let footprint = a.footprint + a.spread * (distance - a.start);
@@ -203,7 +222,7 @@ mod tests {
         ortho.world_from_camera =
             Affine3A::from_rotation_translation(Quat::from_rotation_x(PI / 2.0), Vec3::new(0.0, 0.0, 5.0));
         let sampler = CameraSampler::new(&ortho, PixelFilter::Box);
-        let [a, b] = [sampler.ray(1, 0, STILL, CENTER), sampler.ray(2, 0, STILL, CENTER)];
+        let [a, b] = [sampler.ray(1, 0, STILL, CENTER).unwrap(), sampler.ray(2, 0, STILL, CENTER).unwrap()];
         assert!((a.direction - Vec3::Y).length() < 1e-6 && (b.direction - Vec3::Y).length() < 1e-6);
         assert!((b.origin - a.origin - Vec3::X * 0.5).length() < 1e-5);
         assert!((a.origin.y - 0.1).abs() < 1e-6 && (a.length - 99.9).abs() < 1e-3);
@@ -223,7 +242,7 @@ mod tests {
             let with_lens = Camera { projection, depth_of_field: Some(lens), ..camera() };
             let sampler = CameraSampler::new(&with_lens, PixelFilter::Box);
             let at_focus = |u: [f32; 4]| {
-                let ray = sampler.ray(3, 1, STILL, u);
+                let ray = sampler.ray(3, 1, STILL, u).unwrap();
                 ray.origin + ray.direction * ((-3.0 - ray.origin.z) / ray.direction.z)
             };
             let middle = at_focus([0.5, 0.5, 0.0, 0.0]);
@@ -231,6 +250,37 @@ mod tests {
                 let met = at_focus([0.5, 0.5, a, b]);
                 assert!((met - middle).length() < 1e-5, "{projection:?} {met} {middle}");
             }
+        }
+    }
+
+    #[test]
+    fn panoramic_rays_start_near_the_camera_and_meet_where_they_are_in_focus() {
+        let fov = 3.0;
+        let panoramic = |depth_of_field| Camera {
+            projection: Projection::Panoramic(Panorama::FisheyeEquidistant { fov }),
+            window_min: Vec2::ZERO,
+            window_max: Vec2::ONE,
+            depth_of_field,
+            ..camera()
+        };
+        let sampler = CameraSampler::new(&panoramic(None), PixelFilter::Box);
+        let ray = sampler.ray(3, 1, STILL, CENTER).unwrap();
+        assert!((ray.origin - ray.direction * 0.1).length() < 1e-6 && (ray.length - 99.9).abs() < 1e-3);
+        assert!(sampler.is_pinhole());
+        assert!(sampler.ray(0, 0, STILL, [0.0, 0.0, 0.5, 0.5]).is_none(), "a corner shows nothing");
+        let lens = DepthOfField {
+            aperture_radius: 0.2,
+            focus_distance: 3.0,
+            blades: 0,
+            rotation_rad: 0.0,
+            ratio: 2.0,
+        };
+        let sampler = CameraSampler::new(&panoramic(Some(lens)), PixelFilter::Box);
+        assert!(!sampler.is_pinhole());
+        for lens in [[0.9, 0.1], [0.3, 0.6], [0.999, 0.5]] {
+            let on_lens = sampler.ray(3, 1, STILL, [0.5, 0.5, lens[0], lens[1]]).unwrap();
+            let beside = ray.direction * 3.0 - on_lens.origin;
+            assert!(beside.cross(on_lens.direction).length() < 1e-5, "{lens:?}");
         }
     }
 

@@ -4,6 +4,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
+use relume_dump::Lobe;
 use relume_scene::{MOST_RADIANCE, Scene};
 
 use crate::{
@@ -19,8 +20,12 @@ const GRID_COLUMNS: usize = 1024;
 pub(crate) struct EnvironmentLight {
     /// Radiance, or factor on the texture.
     color: Vec3,
+    texture: Option<usize>,
     texture_from_world: Mat3,
-    visible_camera: bool,
+    /// Kinds of rays that see it, by [`Lobe`].
+    rays: [bool; 5],
+    /// What other rays see.
+    parts: Vec<Self>,
     grid: Option<DensityGrid>,
 }
 
@@ -40,23 +45,47 @@ impl EnvironmentLight {
         let color = Vec3::from(color);
         // Densities are computed for rotations (and mirrored ones) only; others are left to BSDF sampling.
         let is_rotation = (transform * transform.transpose()).abs_diff_eq(Mat3::IDENTITY, 1e-4);
-        let texture = world.texture.filter(|_| is_rotation && color != Vec3::ZERO);
+        let rays = world.rays();
+        // A light sample has no kind: it serves worlds that all rays but the camera's see alike.
+        let is_one = rays[1..].iter().all(|sees| *sees);
+        let texture = world.texture.filter(|_| is_rotation && is_one && color != Vec3::ZERO);
         let grid = texture.and_then(|index| DensityGrid::new(scene, materials, index));
-        Self { color, texture_from_world: transform, visible_camera: world.visible_camera, grid }
+        let parts = world.parts.iter().map(|part| Self {
+            color: part.color.into(),
+            texture: part.texture,
+            texture_from_world: part.texture_from_world,
+            rays: part.rays,
+            parts: Vec::new(),
+            grid: None,
+        });
+        Self {
+            color,
+            texture: world.texture,
+            texture_from_world: transform,
+            rays,
+            parts: parts.collect(),
+            grid,
+        }
     }
 
-    /// Radiance from the unit `direction`, for camera rays or others, as far as it can be summed.
+    /// Radiance from the unit `direction` for rays of a kind, as far as it can be summed.
     pub fn radiance(
         &self,
         scene: &Scene,
         materials: &PreparedMaterials,
         direction: Vec3,
-        is_camera: bool,
+        lobe: Lobe,
     ) -> Vec3 {
-        if self.color == Vec3::ZERO || (is_camera && !self.visible_camera) {
+        let kind = lobe as usize;
+        if !self.rays[kind] {
+            let part = self.parts.iter().find(|part| part.rays[kind]);
+            return part.map_or(Vec3::ZERO, |part| part.radiance(scene, materials, direction, lobe));
+        }
+        if self.color == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        (self.color * materials.world_texel(scene, direction)).min(Vec3::splat(MOST_RADIANCE))
+        let texel = materials.world_texel(scene, self.texture, self.texture_from_world * direction);
+        (self.color * texel).min(Vec3::splat(MOST_RADIANCE))
     }
 
     /// True if sampling directions directly is worth it: a world of one colour is as well met by BSDF sampling.
@@ -145,7 +174,7 @@ fn from_equirectangular(coords: Vec2) -> Vec3 {
 
 #[cfg(test)]
 mod tests {
-    use relume_scene::{Alpha, ColorEncoding, Texels, Texture, World};
+    use relume_scene::{Alpha, ColorEncoding, Texels, Texture, World, WorldPart};
 
     use super::*;
 
@@ -201,10 +230,11 @@ mod tests {
             let Some((direction, density)) = environment.sample(u) else { continue };
             let listed = environment.density(direction);
             differing += i32::from((density - listed).abs() > 1e-3 * density);
-            sampled += f64::from(environment.radiance(&scene, &materials, direction, false).x / density);
+            sampled +=
+                f64::from(environment.radiance(&scene, &materials, direction, Lobe::Diffuse).x / density);
             let z = 1.0 - 2.0 * u[0];
             let flat = Vec2::from_angle(TAU * u[1]) * (1.0 - z * z).sqrt();
-            uniform += f64::from(environment.radiance(&scene, &materials, flat.extend(z), false).x)
+            uniform += f64::from(environment.radiance(&scene, &materials, flat.extend(z), Lobe::Diffuse).x)
                 * 4.0
                 * std::f64::consts::PI;
         }
@@ -223,7 +253,30 @@ mod tests {
         scene.world.visible_camera = false;
         let materials = PreparedMaterials::new(&scene).0;
         let environment = EnvironmentLight::new(&scene, scene.world.color, &materials);
-        assert_eq!(environment.radiance(&scene, &materials, Vec3::X, true), Vec3::ZERO);
-        assert!(environment.radiance(&scene, &materials, Vec3::X, false).x > 0.0);
+        assert_eq!(environment.radiance(&scene, &materials, Vec3::X, Lobe::Camera), Vec3::ZERO);
+        assert!(environment.radiance(&scene, &materials, Vec3::X, Lobe::Glossy).x > 0.0);
+    }
+
+    #[test]
+    fn rays_of_each_kind_see_their_part() {
+        let mut scene = scene();
+        let part = |kind: usize, color: f32| WorldPart {
+            rays: std::array::from_fn(|other| other == kind),
+            color: [color; 3],
+            texture: None,
+            texture_from_world: Mat3::IDENTITY,
+        };
+        scene.world.parts = vec![part(0, 7.0)];
+        let materials = PreparedMaterials::new(&scene).0;
+        let seen = |scene: &Scene, lobe| {
+            let environment = EnvironmentLight::new(scene, scene.world.color, &materials);
+            (environment.radiance(scene, &materials, Vec3::X, lobe).x, environment.can_sample())
+        };
+        let usual = seen(&scene, Lobe::Diffuse).0;
+        assert_eq!(seen(&scene, Lobe::Camera), (7.0, true));
+        assert_eq!(seen(&scene, Lobe::Volume), (usual, true));
+        scene.world.parts.push(part(2, 0.0));
+        assert_eq!(seen(&scene, Lobe::Glossy), (0.0, false));
+        assert_eq!(seen(&scene, Lobe::Transmission), (usual, false));
     }
 }

@@ -120,7 +120,12 @@ impl Integrator<'_> {
         sink: &mut impl PathSink,
     ) {
         let time = self.camera.time(y, || sampler.draw(sample, TIME_GROUP)[0]);
-        let camera = self.camera.ray(x, y, time, sampler.draw(sample, CAMERA_GROUP));
+        let Some(camera) = self.camera.ray(x, y, time, sampler.draw(sample, CAMERA_GROUP)) else {
+            let position = self.scene.camera.world_from_camera.translation.into();
+            sink.begin_path((!self.camera.is_pinhole()).then_some(position));
+            sink.end_path(AovSample { alpha: 1.0, ..AovSample::default() });
+            return;
+        };
         sink.begin_path((!self.camera.is_pinhole()).then_some(camera.origin));
         let mut features =
             Features { sample: AovSample { alpha: 1.0, ..AovSample::default() }, tint: Some(Vec3::ONE) };
@@ -239,14 +244,14 @@ impl Integrator<'_> {
         let direction = walk.ray.direction;
         self.record(walk, End::Escape(direction), sink);
         let path = &walk.path;
-        let is_camera = path.lobe == Lobe::Camera;
-        if is_camera {
-            features.sample.alpha = 1.0 - path.throughput.element_sum() / 3.0;
+        if path.sees_background && self.settings.film_transparent {
+            features.open_film(path.throughput);
+            return;
         }
         if path.lights_only.is_some() {
             return;
         }
-        let radiance = self.environment.radiance(self.scene, &self.materials, direction, is_camera);
+        let radiance = self.environment.radiance(self.scene, &self.materials, direction, path.light_lobe);
         if radiance != Vec3::ZERO {
             let weight = self
                 .lights
@@ -271,6 +276,16 @@ impl Integrator<'_> {
         scratch.surface.set_after_diffuse(walk.path.was_diffuse);
         let probes = self.probes(&walk.path, point, draws);
         self.materials.evaluate_with(self.scene, point, probes.as_ref(), &mut scratch.surface);
+        if walk.path.sees_background {
+            let is_holdout = self.scene.instances[point.instance as usize].is_holdout;
+            let held_out = scratch.surface.hold_out(is_holdout);
+            if held_out != Vec3::ZERO {
+                features.open_film(walk.path.throughput * held_out);
+                if held_out == Vec3::ONE {
+                    return false;
+                }
+            }
+        }
         self.collect_emission(&walk.path, point, walk.last, &scratch.surface, features);
         let u = draws.at(0);
         let survival = walk.path.survival(&self.settings.bounces);
@@ -363,6 +378,7 @@ impl Integrator<'_> {
                 features.record_surface(surface);
             }
             path.scatter(point.position, &sample, limits);
+            path.sees_background &= self.settings.shows_through(&sample);
             path.receiver = self.scene.instances[point.instance as usize].receiver;
             *last = (!sample.singular).then_some(LastBounce { position: point.position, pdf });
         }

@@ -3,6 +3,8 @@
 use relume_dump::{RECEIVER_LIMIT, SegmentClasses, Sight};
 use relume_scene::{LightRules, Scene};
 
+use crate::settings::PathSettings;
+
 /// Classes of the segments of a scene, and what they go by.
 #[derive(Debug)]
 pub(crate) struct LightClasses {
@@ -13,18 +15,23 @@ pub(crate) struct LightClasses {
     blockers: Vec<Vec<bool>>,
 }
 
-/// Classes that the lights of a scene need; nothing if they have no rules.
+/// Classes that the lights and the film of a scene need; nothing if they have no rules, and glass is none of the film's.
 ///
 /// # Errors
 /// A warning if there are more classes than a segment's number can tell.
-pub(crate) fn segment_classes(scene: &Scene) -> Result<Option<SegmentClasses>, String> {
+pub(crate) fn segment_classes(
+    scene: &Scene,
+    settings: &PathSettings,
+) -> Result<Option<SegmentClasses>, String> {
     let rules = || scene.lights.iter().map(|light| &light.rules);
-    if rules().all(LightRules::is_default) {
+    let film_glass = settings.shows_through_glass();
+    if rules().all(LightRules::is_default) && !film_glass {
         return Ok(None);
     }
     let mut classes = SegmentClasses {
         bounce_limits: rules().filter_map(|rules| rules.max_bounces).collect(),
         blockers: rules().filter_map(|rules| Some(rules.blockers.as_ref()?.receivers.clone())).collect(),
+        film_glass,
     };
     classes.bounce_limits.sort_unstable();
     classes.bounce_limits.dedup();
@@ -33,8 +40,8 @@ pub(crate) fn segment_classes(scene: &Scene) -> Result<Option<SegmentClasses>, S
     let receivers = scene.receiver_names().len();
     if receivers * classes.count() > usize::from(RECEIVER_LIMIT) {
         return Err(format!(
-            "{receivers} objects are too many for rules of lights (shadow, bounces, Multiple Importance): with these {} may be \
-             there; all lights are taken as ordinary",
+            "{receivers} objects are too many for rules of lights (shadow, bounces, Multiple Importance) and transparent glass: with \
+             these {} may be there; all lights are taken as ordinary, and glass shows other worlds than the baked one",
             usize::from(RECEIVER_LIMIT) / classes.count(),
         ));
     }
@@ -54,6 +61,11 @@ impl LightClasses {
     /// Number to add to the receiver of a segment from a vertex with so many bounces before it.
     pub fn offset(&self, sight: Sight, bounces: u32) -> u16 {
         self.classes.class(sight, bounces) as u16 * self.receivers
+    }
+
+    /// True if segments behind glass that the film shows through are told apart.
+    pub fn tell_glass(&self) -> bool {
+        self.classes.film_glass
     }
 
     /// Number of sets of blockers.

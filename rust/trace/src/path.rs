@@ -29,6 +29,9 @@ pub(crate) struct PathState {
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
     /// light linking works through them (Cycles' `mis_ray_object`).
     pub receiver: u16,
+    /// True if nothing but the film's background is seen along the current ray so far: from the camera, through transparent
+    /// surfaces and glass that the film shows through (Cycles' `PATH_RAY_TRANSPARENT_BACKGROUND`).
+    pub sees_background: bool,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::SampleReach::Lights`]).
     pub lights_only: Option<LightsOnly>,
     /// True if lights along the current ray do not count: the sample says so ([`BsdfSample::unlit`]), or they were recorded
@@ -83,6 +86,7 @@ impl PathState {
             origin,
             light_lobe: Lobe::Camera,
             receiver: 0,
+            sees_background: true,
             lights_only: None,
             unlit: false,
             left_out: None,
@@ -216,7 +220,7 @@ impl PathState {
         self.throughput *= weight;
         self.min_pdf = self.min_pdf.min(pdf);
         (self.lobe, self.light_lobe, self.origin) = (Lobe::Volume, Lobe::Volume, position);
-        (self.is_diffuse, self.is_singular) = (false, false);
+        (self.is_diffuse, self.is_singular, self.sees_background) = (false, false, false);
         (self.through_transparent, self.continues, self.unlit) = (false, false, false);
         self.bounces += 1;
         self.volume += 1;
@@ -286,6 +290,7 @@ mod tests {
             light_lobe: lobe,
             diffuse: lobe == Lobe::Diffuse,
             singular: false,
+            alpha_squared: 1.0,
             transparent: false,
             portal: None,
             lights_only: false,

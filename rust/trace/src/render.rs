@@ -117,7 +117,7 @@ impl<'a> Tracer<'a> {
         } else {
             None
         };
-        let classes = segment_classes(scene).unwrap_or_else(|warning| {
+        let classes = segment_classes(scene, &paths).unwrap_or_else(|warning| {
             warnings.push(warning);
             None
         });
@@ -218,7 +218,7 @@ pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
         camera: serde_json::to_value(camera).unwrap_or_default(),
         camera_position: is_pinhole.then(|| camera.world_from_camera.translation.to_array()),
         receivers: scene.receiver_names(),
-        classes: segment_classes(scene).unwrap_or_default(),
+        classes: segment_classes(scene, &settings.paths).unwrap_or_default(),
         settings: serde_json::to_value(&settings.paths).unwrap_or_default(),
         working_space: scene.working_space.clone(),
         world_color: world_color(scene, settings),

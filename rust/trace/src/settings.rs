@@ -1,9 +1,9 @@
 //! Settings of path tracing. Defaults are those of a new Blender file.
 
-use relume_dump::Pass;
+use relume_dump::{Lobe, Pass};
 use relume_scene::Light;
 
-use crate::bsdf::Caustics;
+use crate::bsdf::{BsdfSample, Caustics};
 use crate::filter::PixelFilter;
 
 /// Largest [`TraceSettings::guiding`]: above, lights that were moved would be too noisy.
@@ -67,6 +67,12 @@ pub struct PathSettings {
     pub filter: PixelFilter,
     /// Factor of all light that reaches the film (Cycles' Film > Exposure), at least 0.
     pub film_exposure: f32,
+    /// True if alpha is 0 where nothing but the world is behind the film (Cycles' Film > Transparent). Only holdouts open it else.
+    #[serde(skip_serializing_if = "is_false")]
+    pub film_transparent: bool,
+    /// Roughness up to which a transparent film shows through glass; none where glass covers it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub film_glass: Option<f32>,
     /// True if the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
     /// layers, never a path.
     pub sample_static_lights: bool,
@@ -76,6 +82,21 @@ impl PathSettings {
     /// Closures that diffuse rays see of the surfaces they hit.
     pub(crate) fn caustics(&self) -> Caustics {
         Caustics { reflective: self.caustics_reflective, refractive: self.caustics_refractive }
+    }
+
+    /// True if the film shows through some glass.
+    pub(crate) fn shows_through_glass(&self) -> bool {
+        self.film_transparent && self.film_glass.is_some()
+    }
+
+    /// True if what the film shows behind a sample is its background as long as nothing is met there.
+    pub(crate) fn shows_through(&self, sample: &BsdfSample) -> bool {
+        let limit = self.film_glass.filter(|_| self.film_transparent);
+        limit.is_some_and(|roughness| {
+            // In the order of Cycles' factors, so that glass of the very roughness counts.
+            let limit = (roughness * roughness) * (roughness * roughness);
+            sample.lobe == Lobe::Transmission && !sample.diffuse && sample.alpha_squared <= limit
+        })
     }
 }
 
@@ -88,6 +109,8 @@ impl Default for PathSettings {
             caustics_refractive: true,
             filter: PixelFilter::default(),
             film_exposure: 1.0,
+            film_transparent: false,
+            film_glass: None,
             sample_static_lights: true,
         }
     }
@@ -121,6 +144,10 @@ pub struct BounceLimits {
 
 fn is_zero(value: &u32) -> bool {
     *value == 0
+}
+
+fn is_false(value: &bool) -> bool {
+    !*value
 }
 
 impl Default for BounceLimits {

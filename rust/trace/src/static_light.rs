@@ -4,6 +4,7 @@
 //! heuristic (Veach 1997, section 9.2.4). A shadow ray goes straight through transparent surfaces.
 
 use glam::Vec3;
+use relume_dump::Lobe;
 use relume_scene::Scene;
 
 use crate::{
@@ -112,7 +113,8 @@ impl StaticLights {
         if u[3] < share {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
             let factor = tracer.weighted(vertex, direction, density * share)?;
-            let radiance = tracer.environment.radiance(tracer.scene, tracer.materials, direction, false);
+            let radiance =
+                tracer.environment.radiance(tracer.scene, tracer.materials, direction, Lobe::Diffuse);
             let factor = factor / survival(on_film * factor * radiance, u[3] / share)?;
             let through = self.transmittance(tracer, vertex, direction, None, scratch)?;
             return Some(StaticSample::World(factor * radiance * through));

@@ -21,29 +21,29 @@ const MAP_SHARE: u64 = 2;
 struct GpuEnvironment {
     texture_from_world: [[f32; 4]; 3],
     color: [f32; 3],
-    visible_camera: u32,
+    lobes: u32,
     width: u32,
     height: u32,
     first_row: u32,
     end_row: u32,
-    first_linked: u32,
+    first_without_world: u32,
     padding: [u32; 3],
 }
 
 impl GpuEnvironment {
     /// Arguments with some rows of the map.
-    fn new(environment: &Environment, rows: &Range<usize>, first_linked: u16) -> Self {
+    fn new(environment: &Environment, rows: &Range<usize>, first_without_world: u16) -> Self {
         let column = |column| environment.texture_from_world.col(column).extend(0.0).to_array();
         let (width, height) = environment.map.as_deref().map_or((0, 0), |map| (map.width, map.height));
         Self {
             texture_from_world: [0, 1, 2].map(column),
             color: environment.color.into(),
-            visible_camera: environment.visible_camera.into(),
+            lobes: environment.lobes,
             width: width as u32,
             height: height as u32,
             first_row: rows.start as u32,
             end_row: rows.end as u32,
-            first_linked: first_linked.into(),
+            first_without_world: first_without_world.into(),
             padding: [0; 3],
         }
     }
@@ -56,13 +56,13 @@ fn strips(map: Option<&Map>, bytes: u64) -> Vec<Range<usize>> {
     (0..map.height).step_by(rows).map(|first| first..map.height.min(first + rows)).collect()
 }
 
-/// A world on the device, with some rows of its map.
+/// A world without its parts on the device, with some rows of its map.
 #[derive(Debug)]
 pub struct GpuWorld {
     environment: Buffer<GpuEnvironment>,
     texels: Buffer<Vec3>,
-    /// See [`Manifest::first_linked`].
-    first_linked: u16,
+    /// See [`Manifest::first_without_world`].
+    first_without_world: u16,
 }
 
 impl GpuWorld {
@@ -80,13 +80,13 @@ impl GpuWorld {
         Ok(Self {
             environment: gpu.zeros("world", 1)?,
             texels: gpu.zeros("map of the world", rows * width)?,
-            first_linked: manifest.first_linked(),
+            first_without_world: manifest.first_without_world(),
         })
     }
 
     /// Replaces what is there, once the device has done what was submitted before.
     pub fn write(&self, gpu: &Gpu, environment: &Environment, rows: Range<usize>) {
-        gpu.write(&self.environment, 0, &[GpuEnvironment::new(environment, &rows, self.first_linked)]);
+        gpu.write(&self.environment, 0, &[GpuEnvironment::new(environment, &rows, self.first_without_world)]);
         if let Some(map) = &environment.map {
             gpu.write(&self.texels, 0, &map.texels[rows.start * map.width..rows.end * map.width]);
         }
@@ -113,11 +113,13 @@ impl GpuGather {
         let manifest = self.dump.manifest();
         let image = self.gpu.zeros::<f32>("image of the world", self.image_values())?;
         let bytes = strip_bytes.min(self.gpu.free_memory() / MAP_SHARE);
-        let strips = strips(environment.map.as_deref(), bytes);
-        let world = GpuWorld::new(&self.gpu, manifest, environment, strips[0].len())?;
-        for rows in strips {
-            world.write(&self.gpu, environment, rows);
-            self.add_world(&world, half, &image)?;
+        for layer in environment.layers() {
+            let strips = strips(layer.map.as_deref(), bytes);
+            let world = GpuWorld::new(&self.gpu, manifest, layer, strips[0].len())?;
+            for rows in strips {
+                world.write(&self.gpu, layer, rows);
+                self.add_world(&world, half, &image)?;
+            }
         }
         let data = self.gpu.read(&image, 0..image.len())?;
         Ok(Image { width: manifest.width, height: manifest.height, channels: 3, data })
@@ -155,7 +157,7 @@ mod tests {
     use glam::Mat3;
     use relume_dump::{Dump, End, Lobe};
     use relume_gpu::GpuChoice;
-    use relume_scene::{Alpha, ColorEncoding, Texels, Texture, World};
+    use relume_scene::{Alpha, ColorEncoding, Texels, Texture, World, WorldPart};
 
     use super::*;
     use crate::Gather;
@@ -210,7 +212,15 @@ mod tests {
         let hidden = World { visible_camera: false, ..colored() };
         let shown = gather.world_image(&plain(&colored()), SampleSplit::All);
         assert_ne!(shown, gather.world_image(&plain(&hidden), SampleSplit::All), "no camera ray escapes");
-        for environment in [plain(&colored()), plain(&hidden), mapped(40, 20), mapped(1, 1)] {
+        let part = WorldPart {
+            rays: [true, false, true, false, false],
+            color: [0.5, 2.0, 1.0],
+            texture: None,
+            texture_from_world: Mat3::IDENTITY,
+        };
+        let parted = plain(&World { parts: vec![part], ..colored() });
+        assert_ne!(shown, gather.world_image(&parted, SampleSplit::All));
+        for environment in [plain(&colored()), plain(&hidden), parted, mapped(40, 20), mapped(1, 1)] {
             for half in HALVES {
                 let expected = gather.world_image(&environment, half);
                 assert!(expected.data.iter().filter(|&&value| value > 0.0).count() > 250);
@@ -318,7 +328,7 @@ mod tests {
     #[test]
     fn the_environment_has_the_layout_of_its_wgsl_twin() {
         relume_gpu::assert_mirror!(GpuEnvironment as "gather/world", "Environment", {
-            texture_from_world, color, visible_camera, width, height, first_row, end_row, first_linked,
+            texture_from_world, color, lobes, width, height, first_row, end_row, first_without_world,
         });
     }
 }

@@ -88,8 +88,44 @@ fn a_constant_world_gives_the_share_of_escaping_paths() {
 
 /// Two objects; lights that nothing blocks, that only object 1 blocks, and that light one bounce.
 fn classes() -> Manifest {
-    let classes = SegmentClasses { bounce_limits: vec![1], blockers: vec![vec![], vec![1]] };
+    let classes = SegmentClasses {
+        bounce_limits: vec![1],
+        blockers: vec![vec![], vec![1]],
+        ..SegmentClasses::default()
+    };
     Manifest { receivers: vec!["A".into(), "B".into()], classes: Some(classes), ..manifest(1, &[1]) }
+}
+
+#[test]
+fn behind_glass_that_the_film_shows_through_lights_count_and_worlds_do_not() {
+    let known = SegmentClasses { film_glass: true, ..SegmentClasses::default() };
+    let manifest =
+        Manifest { receivers: vec!["A".into()], classes: Some(known.clone()), ..manifest(1, &[1]) };
+    let dump = dump(manifest, |_, _, samples: &mut TileSamples| {
+        samples.push(segment(End::Vertex(Vec3::ZERO), Lobe::Camera));
+        for class in 0..known.count() {
+            let back = Segment { throughput: Vec3::ZERO, ..segment(End::Vertex(Vec3::ZERO), Lobe::Diffuse) };
+            let throughput = Vec3::splat((1 << class) as f32);
+            let crossing = segment(End::Escape(Vec3::Z), Lobe::Transmission);
+            samples.push(Segment { throughput, receiver: class as u16, ..crossing });
+            samples.push(back);
+        }
+    });
+    let gather = Gather::new(dump);
+    let lamp = light(LightShape::Sphere { center: Vec3::Z * 3.0, radius: 0.5 });
+    let lit = |rules: LightRules| {
+        let prepared = gather.prepare(&Light { rules, ..lamp.clone() }).unwrap();
+        gather.unit_images(&[prepared], SampleSplit::All)[0].data[0]
+    };
+    let of =
+        |sights: &[Sight]| -> f32 { sights.iter().map(|sight| (1 << known.class(*sight, 0)) as f32).sum() };
+    let shadow = [Sight::Shadow, Sight::ShadowBehindGlass];
+    let singular = [Sight::Singular, Sight::SingularBehindGlass];
+    assert_eq!(lit(LightRules::default()), of(&shadow) + of(&singular));
+    assert_eq!(lit(LightRules { is_sampled_only: true, ..LightRules::default() }), of(&shadow));
+    let white = Environment::new(&world([1.0; 3], None), &[]).unwrap();
+    let seen = gather.world_image(&white, SampleSplit::All).data[0];
+    assert_eq!(seen, of(&[Sight::Shadow, Sight::Singular]));
 }
 
 #[test]

@@ -100,6 +100,7 @@ class SceneBuilder:
         visibility: Sequence[bool] = (True, True, True, True),
         visible_volume_scatter: bool = True,
         visible_shadow: bool = True,
+        is_holdout: bool = False,
         density_factor: float = 1.0,
         grids: int | None = None,
         attributes: Sequence[tuple[str, Sequence[float]]] = (),
@@ -186,11 +187,13 @@ class SceneBuilder:
         texture: int | None = None,
         texture_from_world: Matrix3 = ...,
         visible_camera: bool = True,
+        parts: Sequence[tuple[Sequence[bool], Sequence[float], int | None, Matrix3]] = (),
         volume: int | None = None,
         receiver: int = 0,
     ) -> None:
-        """Background radiance, or factor on an equirectangular texture. `volume` is a material whose volume fills all
-        space, as an object of a receiver number."""
+        """Background radiance, or factor on an equirectangular texture. `parts` have the kinds of rays that see them in
+        its place (camera, diffuse, glossy, transmitted, scattered in media), colour, texture and matrix. `volume` is a
+        material whose volume fills all space, as an object of a receiver number."""
 
     def add_light(self, json: str) -> None:
         """A Blender light in the JSON form of `relume_scene::BlenderLight`."""

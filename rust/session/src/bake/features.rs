@@ -13,7 +13,8 @@ pub(crate) fn camera(manifest: &Manifest) -> Result<Camera, SessionError> {
     })
 }
 
-/// Origin and unit direction of the ray through the middle of a pixel, world space, without lens or clipping.
+/// Origin and unit direction of the ray through the middle of a pixel, world space, without lens or clipping; no direction
+/// where a lens shows nothing.
 pub fn pixel_ray(camera: &Camera, x: usize, y: usize) -> (Vec3, Vec3) {
     let share =
         Vec2::new((x as f32 + 0.5) / camera.width as f32, 1.0 - (y as f32 + 0.5) / camera.height as f32);
@@ -21,6 +22,7 @@ pub fn pixel_ray(camera: &Camera, x: usize, y: usize) -> (Vec3, Vec3) {
     let (origin, direction) = match camera.projection {
         Projection::Perspective => (Vec3::ZERO, film.extend(-1.0)),
         Projection::Orthographic => (film.extend(0.0), Vec3::NEG_Z),
+        Projection::Panoramic(panorama) => (Vec3::ZERO, panorama.direction(film).unwrap_or_default()),
     };
     let world = &camera.world_from_camera;
     (world.transform_point3(origin), world.transform_vector3(direction).normalize_or_zero())

@@ -22,6 +22,8 @@ pub struct OtherWorld {
 enum WorldSource {
     /// Map to be gathered from the paths, with the digest of its texture.
     Map(Environment, Option<String>),
+    /// Maps of a world with parts, to be gathered from the paths.
+    Parts(Environment),
     /// Light that was gathered before.
     Layer(Box<WorldLayer>),
 }
@@ -32,19 +34,23 @@ impl OtherWorld {
     /// # Errors
     /// If its texture is damaged.
     pub fn new(scene: &Scene) -> Result<Self, SessionError> {
-        let texture = scene.world_texture().map(Texture::digest);
         let environment = Environment::new(&scene.world, &scene.textures)?;
+        if !scene.world.parts.is_empty() {
+            let about = WorldAbout { map: scene.world_map(), color: scene.world.color };
+            return Ok(Self { about, source: WorldSource::Parts(environment) });
+        }
+        let texture = scene.world_texture().map(Texture::digest);
         Ok(Self::mapped(&scene.world, environment, texture))
     }
 
     /// World with the same texture, which is not read again, such as a turned one. The texture that `world` names is
-    /// ignored. None for a world whose light lies in a bake folder.
+    /// ignored. None for a world whose light lies in a bake folder, or with parts.
     pub fn with_texture_for(&self, world: &World) -> Option<Self> {
         match &self.source {
-            WorldSource::Map(environment, texture) => {
+            WorldSource::Map(environment, texture) if world.parts.is_empty() => {
                 Some(Self::mapped(world, environment.with_texture_for(world), texture.clone()))
             }
-            WorldSource::Layer(_) => None,
+            _ => None,
         }
     }
 
@@ -69,7 +75,7 @@ impl OtherWorld {
     }
 
     fn is_black(&self) -> bool {
-        self.about.color == [0.0; 3]
+        self.about.color == [0.0; 3] && !matches!(self.source, WorldSource::Parts(_))
     }
 }
 
@@ -118,11 +124,11 @@ impl WorldUnit {
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<bool, SessionError> {
-        let (WorldSource::Map(environment, _), Some(pass)) =
-            (&self.world.source, view.passes.get(self.gathered.passes))
-        else {
-            return Ok(false);
+        let environment = match &self.world.source {
+            WorldSource::Map(environment, _) | WorldSource::Parts(environment) => environment,
+            WorldSource::Layer(_) => return Ok(false),
         };
+        let Some(pass) = view.passes.get(self.gathered.passes) else { return Ok(false) };
         let image = if self.is_black() {
             Image::new(view.aovs.alpha.width, view.aovs.alpha.height, 3)
         } else {

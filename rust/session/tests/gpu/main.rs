@@ -26,6 +26,7 @@ const SKY: World = World {
     texture: Some(0),
     texture_from_world: Mat3::IDENTITY,
     visible_camera: true,
+    parts: Vec::new(),
     volume: None,
     receiver: 0,
 };

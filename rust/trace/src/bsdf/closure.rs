@@ -295,6 +295,16 @@ impl Closure {
         }
     }
 
+    /// Product of the two widths of facets, 0 for smooth ones and 1 for other models (Cycles'
+    /// `bsdf_get_specular_roughness_squared`).
+    pub fn alpha_squared(&self) -> f32 {
+        match &self.scatter {
+            Scatter::Microfacet(model) if model.is_singular() => 0.0,
+            Scatter::Microfacet(model) => model.distribution.alpha_x * model.distribution.alpha_y,
+            _ => 1.0,
+        }
+    }
+
     /// Widens glossy models to at least `alpha`.
     pub fn widen(&mut self, alpha: f32) {
         match &mut self.scatter {

@@ -33,6 +33,8 @@ pub struct BsdfSample {
     pub diffuse: bool,
     /// True if the closure is a mirror or perfectly smooth refraction.
     pub singular: bool,
+    /// See [`Closure::alpha_squared`].
+    pub alpha_squared: f32,
     /// True if the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
     pub transparent: bool,
     /// Place in which the path goes on, if not at the surface; counts as a transparent bounce.
@@ -90,6 +92,7 @@ pub struct Surface {
     sides: SideNormals,
     emission: Vec3,
     transparency: Vec3,
+    holdout: Vec3,
     caustics: Caustics,
     /// True if the path has scattered diffusely before it met the surface.
     pub(super) is_after_diffuse: bool,
@@ -110,6 +113,7 @@ impl Default for Surface {
             sides: SideNormals { geometric: Vec3::Z, shading: Vec3::Z },
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
+            holdout: Vec3::ZERO,
             caustics: Caustics::ALL,
             is_after_diffuse: false,
             has_body: false,
@@ -140,6 +144,7 @@ impl Surface {
         self.sides = SideNormals { geometric: point.horizon_normal(), shading: point.shading_normal };
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
+        self.holdout = Vec3::ZERO;
     }
 
     /// Takes another shading normal than the mesh's (Cycles' `sd->N` behind bump by displacement): closures of that normal are
@@ -208,6 +213,22 @@ impl Surface {
         } else {
             self.add(weight, Vec3::ONE, self.sides.shading, Scatter::Transparent);
         }
+    }
+
+    /// Adds a hole in the film.
+    pub fn add_holdout(&mut self, weight: f32) {
+        self.holdout += Vec3::splat(weight.max(0.0));
+    }
+
+    /// Cuts what is held out from the surface, and tells how much that is: of a holdout object all but what goes straight
+    /// through (Cycles' `surface_shader_apply_holdout`).
+    pub(crate) fn hold_out(&mut self, is_holdout_object: bool) -> Vec3 {
+        if !is_holdout_object {
+            return self.holdout;
+        }
+        self.closures.retain(|closure| matches!(closure.scatter, Scatter::Transparent));
+        (self.emission, self.has_body, self.scatters_around) = (Vec3::ZERO, false, false);
+        Vec3::ONE - self.transparency
     }
 
     /// Unit direction back along the ray.
@@ -293,6 +314,7 @@ impl Surface {
             light_lobe,
             diffuse: closure.is_diffuse(),
             singular: choice.singular,
+            alpha_squared: closure.alpha_squared(),
             transparent: matches!(closure.scatter, Scatter::Transparent),
             portal: closure.portal().map(|portal| portal.position),
             lights_only: choice.reach == SampleReach::Lights,
@@ -342,6 +364,7 @@ impl Surface {
             light_lobe: classes.lobe(self.scatters_around, lobe, u),
             diffuse: closure.is_diffuse(),
             singular: false,
+            alpha_squared: closure.alpha_squared(),
             transparent: false,
             portal: None,
             lights_only: reach == SampleReach::Lights,

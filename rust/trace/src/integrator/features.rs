@@ -18,6 +18,11 @@ impl Features {
         }
     }
 
+    /// Makes the film transparent where a part of the path sees no more than what is behind it.
+    pub fn open_film(&mut self, weight: Vec3) {
+        self.sample.alpha -= weight.element_sum() / 3.0;
+    }
+
     /// Takes albedo and normal from the first surface that is not specular.
     pub fn record_surface(&mut self, surface: &Surface) {
         if let Some(tint) = self.tint.take() {

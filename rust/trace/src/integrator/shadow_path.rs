@@ -6,7 +6,7 @@
 //! adds by hitting a large lamp from there is counted as if a shadow ray had met it.
 
 use glam::Vec3;
-use relume_dump::{AovSample, End, Sight};
+use relume_dump::{AovSample, End, Lobe, Sight};
 use relume_scene::{Material, Scene};
 
 use super::{Features, Integrator, PathScratch, PathSink, SHADOW_PATH_GROUP, Walk, travel::Arrival};
@@ -131,8 +131,11 @@ impl Integrator<'_> {
     /// Number that the class of a path's current segment adds to its receiver.
     pub(super) fn class_offset(&self, walk: &Walk) -> u16 {
         let Some(classes) = &self.classes else { return 0 };
+        let is_behind_glass = walk.path.sees_background && walk.path.lobe != Lobe::Camera;
         let sight = match (walk.blockers, walk.last) {
             (Some(set), _) => Sight::Linked(set),
+            (None, Some(_)) if is_behind_glass && classes.tell_glass() => Sight::ShadowBehindGlass,
+            (None, None) if is_behind_glass && classes.tell_glass() => Sight::SingularBehindGlass,
             (None, Some(_)) => Sight::Shadow,
             (None, None) => Sight::Singular,
         };

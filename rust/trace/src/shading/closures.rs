@@ -127,6 +127,7 @@ fn add_simple(context: &ShadingContext, node: &Node, weight: f32, known: &Known,
             surface.add(known.vector(color) * weight, Vec3::ONE, point.shading_normal, scatter);
         }
         Node::Transparent { color } => surface.add_transparent(known.vector(color) * weight),
+        Node::Holdout => surface.add_holdout(weight),
         Node::Emission { color, strength } => {
             surface.add_emission(known.vector(color) * (known.float(strength) * weight));
         }

@@ -16,9 +16,13 @@ pub fn coordinate(context: &ShadingContext, kind: TexCoord) -> Vec3 {
         TexCoord::Generated => generated(context),
         TexCoord::Normal => context.prepared.object_normal(point.instance, point.time, point.shading_normal),
         TexCoord::Camera => {
-            let camera = context.scene.camera.world_from_camera.inverse();
-            // Cycles' camera looks along +z.
-            camera.transform_point3(point.position) * Vec3::new(1.0, 1.0, -1.0)
+            let camera = &context.scene.camera;
+            let position = camera.world_from_camera.inverse().transform_point3(point.position);
+            match camera.projection {
+                Projection::Panoramic(panorama) => panorama.cycles_from_blender(position),
+                // Cycles' camera looks along +z.
+                _ => position * Vec3::new(1.0, 1.0, -1.0),
+            }
         }
         TexCoord::Window => window(context),
         TexCoord::Reflection => point.shading_normal * (2.0 * point.shading_normal.dot(point.wo)) - point.wo,
@@ -47,6 +51,10 @@ fn window(context: &ShadingContext) -> Vec3 {
     let film = match camera.projection {
         Projection::Perspective => position.truncate() / -position.z,
         Projection::Orthographic => position.truncate(),
+        // Cycles leaves the shift of panoramas out.
+        Projection::Panoramic(panorama) => {
+            return panorama.film(position.normalize_or_zero()).extend(0.0);
+        }
     };
     let size: Vec2 = camera.window_max - camera.window_min;
     ((film - camera.window_min) / size).extend(0.0)

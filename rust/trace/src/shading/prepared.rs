@@ -264,10 +264,10 @@ impl PreparedMaterials {
         self.fields.grid(scene, scene.instances.get(instance as usize)?.grids?, name)
     }
 
-    /// The world's texture, white without one, along the unit `direction` of a ray that leaves the scene.
-    pub fn world_texel(&self, scene: &Scene, direction: Vec3) -> Vec3 {
-        let Some(index) = scene.world.texture else { return Vec3::ONE };
-        let uv = equirectangular(scene.world.texture_from_world * direction);
+    /// A texture of the world, white without one, in the unit `direction` of its space.
+    pub fn world_texel(&self, scene: &Scene, texture: Option<usize>, direction: Vec3) -> Vec3 {
+        let Some(index) = texture else { return Vec3::ONE };
+        let uv = equirectangular(direction);
         let texture = &scene.textures[index];
         self.textures[index].sample(texture, uv, Interpolation::Linear, Extension::Repeat, false).truncate()
     }

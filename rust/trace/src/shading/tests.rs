@@ -451,11 +451,11 @@ fn missing_materials_are_grey() {
 fn a_world_without_a_map_is_white() {
     let mut scene = scene_of(vec![principled()]);
     let (prepared, _) = PreparedMaterials::new(&scene);
-    assert_eq!(prepared.world_texel(&scene, Vec3::X), Vec3::ONE);
+    assert_eq!(prepared.world_texel(&scene, None, Vec3::X), Vec3::ONE);
     scene.textures = vec![byte_texture(1, 1, vec![255, 0, 255, 255], ColorEncoding::Linear, Alpha::Straight)];
     scene.world.texture = Some(0);
     let (prepared, _) = PreparedMaterials::new(&scene);
-    assert_eq!(prepared.world_texel(&scene, Vec3::Z), Vec3::new(1.0, 0.0, 1.0));
+    assert_eq!(prepared.world_texel(&scene, Some(0), Vec3::Z), Vec3::new(1.0, 0.0, 1.0));
 }
 
 #[test]

@@ -5,6 +5,7 @@
 mod determinism;
 mod emission;
 mod failures;
+mod film;
 mod furnace;
 mod lights;
 mod limits;

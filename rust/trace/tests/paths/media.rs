@@ -86,7 +86,9 @@ fn a_cube_of_fog_lets_through_what_beer_says() {
     let scene = cubes(vec![(Vec3::ZERO, fog(0.0, 0.7))]);
     let seen = measured(&scene, &settings(512), world_seen);
     assert_within_noise(seen, Vec3::splat((-1.4_f32).exp()), "absorbing cube");
-    let alpha = measured(&scene, &settings(512), |path| Vec3::splat(path.aovs.alpha));
+    let mut open = settings(512);
+    open.paths.film_transparent = true;
+    let alpha = measured(&scene, &open, |path| Vec3::splat(path.aovs.alpha));
     assert_within_noise(alpha, Vec3::splat(1.0 - (-1.4_f32).exp()), "film alpha");
 }
 
