@@ -15,8 +15,8 @@ OUTPUT = "of the picture's file, or of passes that Relume does not write"
 EEVEE = "of EEEVEE, Workbench or viewports"
 BAKED = "of baking to textures"
 BY_DEPSGRAPH = "done by Blender before the scene is read"
-HAIR, BLUR = "of hair", "of motion blur"
-"""Neither is supported: each object or scene that has it is named."""
+HAIR = "of hair"
+"""Not supported: each object or scene that has it is named."""
 MARCHING = "of Cycles' steps through media, of which Relume has none"
 FAST_GI = "of Fast GI Approximation, which is named itself"
 CAUSTICS = "of shadow caustics, which each light that asks for them names"
@@ -36,15 +36,14 @@ LIGHT = {
 
 TABLE = {
     "RenderSettings": {
-        READ: "resolution_* pixel_aspect_* film_transparent border_* use_single_layer",
-        NAMED: "use_border use_freestyle use_motion_blur use_compositing use_sequencer use_simplify",
+        READ: "resolution_* pixel_aspect_* film_transparent border_* use_single_layer use_motion_blur motion_blur_*",
+        NAMED: "use_border use_freestyle use_compositing use_sequencer use_simplify",
         REFUSED: "use_multiview",
         READ + " in F12, where Blender crops": "use_crop_to_border",
         OUTPUT: "image_settings ffmpeg dither_intensity filter_size use_placeholder use_overwrite use_file_extension "
         "filepath use_render_cache views stereo_views views_format save_output ppm_factor ppm_base",
         BAKED: "bake bake_* use_bake_*",
         STAMP: "use_stamp* stamp_* metadata_input",
-        BLUR: "motion_blur_*",
         HAIR: "hair_type hair_subdiv",
         BY_DEPSGRAPH: "fps fps_base frame_map_* simplify_subdivision* simplify_child_particles* simplify_gpencil* "
         "simplify_volumes",
@@ -59,7 +58,8 @@ TABLE = {
     },
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
-        "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces",
+        "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
+        "rolling_shutter_*",
         NAMED: "sample_clamp_* use_fast_gi use_camera_cull use_distance_cull "
         "texture_limit_render texture_resolution_render",
         "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
@@ -74,7 +74,6 @@ TABLE = {
         VIEWS: "preview_* use_preview_* texture_limit texture_resolution ao_bounces",
         FAST_GI: "fast_gi_method ao_bounces_render",
         MARCHING: "volume_*",
-        BLUR: "rolling_shutter_*",
         BAKED: "bake_type",
         "for who develops Cycles": "debug_*",
     },
@@ -119,7 +118,7 @@ TABLE = {
     },
     "CyclesObjectSettings": {
         NAMED: "use_camera_cull use_distance_cull use_adaptive_subdivision",
-        BLUR: "use_motion_blur use_deform_motion motion_steps",
+        READ: "use_motion_blur use_deform_motion motion_steps",
         "of adaptive subdivision, which the object names": "dicing_rate",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         FAST_GI: "ao_distance",
@@ -133,7 +132,7 @@ TABLE = {
     "CyclesLightSettings": {READ: "is_portal max_bounces use_multiple_importance_sampling", NAMED: "is_caustics_light"},
     "Volume": {
         READ: "filepath packed_file grids is_sequence frame_* sequence_mode render materials",
-        BLUR: "velocity_*",
+        "of motion by velocities, which the object names": "velocity_*",
         BY_DEPSGRAPH: "animation_data",
         VIEWS: "display",
     },

@@ -73,7 +73,7 @@ def test_descriptions_are_those_of_the_export(lit, live):
     rim.light_linking.receiver_collection.objects.link(bpy.data.objects["Plane"])
     update()
     recorder = LightRecorder()
-    with_render_depsgraph(lit, lambda depsgraph, _stop: export_scene(recorder, depsgraph, ExportOptions()))
+    with_render_depsgraph(lit, lambda _engine, depsgraph, _stop: export_scene(recorder, depsgraph, ExportOptions()))
     assert newest(live) == {light["name"]: light for light in recorder.lights}
     assert newest(live)["Rim"]["receivers"] and newest(live)["Key"]["lobes"]["glossy"] == 0.0
 

@@ -65,13 +65,15 @@ def settings_of(scene):
 
 def test_the_scene_is_as_it_was_while_it_is_read(shot):
     before = settings_of(shot)
-    assert with_render_depsgraph(shot, lambda depsgraph, _stop: settings_of(shot)) == before
-    assert with_render_depsgraph(shot, lambda depsgraph, _stop: depsgraph.scene != shot)
+    assert with_render_depsgraph(shot, lambda _engine, depsgraph, _stop: settings_of(shot)) == before
+    assert with_render_depsgraph(shot, lambda _engine, depsgraph, _stop: depsgraph.scene != shot)
 
 
 def test_a_file_that_is_saved_meanwhile_has_no_copy_of_the_scene(shot, registered_for_all_files, tmp_path):
     path = str(tmp_path / "saved.blend")
-    with_render_depsgraph(shot, lambda _depsgraph, _stop: bpy.ops.wm.save_as_mainfile(filepath=path, copy=True))
+    with_render_depsgraph(
+        shot, lambda _engine, _depsgraph, _stop: bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
+    )
     with bpy.data.libraries.load(path) as (names, _wanted):
         assert names.scenes == [shot.name]
 
@@ -79,7 +81,7 @@ def test_a_file_that_is_saved_meanwhile_has_no_copy_of_the_scene(shot, registere
 def test_undo_does_not_bring_the_copy_back(shot, registered_for_all_files):
     scenes = bpy.data.scenes.keys()
     bpy.ops.ed.undo_push(message="before")
-    with_render_depsgraph(shot, lambda _depsgraph, _stop: bpy.ops.ed.undo_push(message="while it is read"))
+    with_render_depsgraph(shot, lambda _engine, _depsgraph, _stop: bpy.ops.ed.undo_push(message="while it is read"))
     bpy.context.scene.render.resolution_x = 77
     bpy.ops.ed.undo_push(message="after")
     bpy.ops.ed.undo()
@@ -91,7 +93,7 @@ def test_undo_does_not_bring_the_copy_back(shot, registered_for_all_files):
 def test_the_first_layer_that_is_rendered_is_read(shot, layer):
     shot.view_layers.new("Second")
     shot.view_layers["ViewLayer"].use = layer == "ViewLayer"
-    assert with_render_depsgraph(shot, lambda depsgraph, _stop: depsgraph.view_layer.name) == layer
+    assert with_render_depsgraph(shot, lambda _engine, depsgraph, _stop: depsgraph.view_layer.name) == layer
     assert shot.view_layers["Second"].use
 
 
@@ -112,8 +114,8 @@ def test_later_errors_come_by_the_callback(shot):
 def test_an_export_can_be_stopped_between_two_parts(shot):
     answers = iter([False, False, True])
 
-    def work(depsgraph, _stop):
-        return scene_of_depsgraph(depsgraph, None, lambda: next(answers))
+    def work(engine, depsgraph, _stop):
+        return scene_of_depsgraph(engine, depsgraph, None, lambda: next(answers))
 
     with pytest.raises(ExportCancelled):
         with_render_depsgraph(shot, work)

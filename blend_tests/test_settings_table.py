@@ -87,7 +87,6 @@ def set_light(name, value):
     [
         (set_render("use_freestyle"), "scene 'Scene': Freestyle's lines"),
         (border, "scene 'Scene': the cut of the render region"),
-        (set_render("use_motion_blur"), "scene 'Scene': motion blur"),
         (brighter, "scene 'Scene': the compositor"),
         (strips, "scene 'Scene': the video sequencer"),
         (second_layer, "of its view layers only 'ViewLayer' is in the picture, not 'Foreground'"),

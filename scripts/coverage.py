@@ -57,7 +57,7 @@ def fate(reason):
     if reason in {"named", "refused"}:
         return NOT, reason
     # Such as "of culling, which each object names".
-    is_left_out = "name" in reason.split("than the")[0] or "refused" in reason or reason == "of motion blur"
+    is_left_out = "name" in reason.split("than the")[0] or "refused" in reason
     return (NOT, reason) if is_left_out and "another unit" not in reason else (NONE, reason)
 
 

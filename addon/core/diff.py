@@ -23,6 +23,7 @@ PARTS = {
     ("object", "holdout"): "Holdout of '{name}' was switched on or off",
     ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",
     ("object", "attributes"): "Custom properties of '{name}' changed",
+    ("object", "motion"): "Motion blur settings of '{name}' changed",
     ("object", "pose"): "'{name}' has another pose",
     ("data", "shape"): "Geometry '{name}' changed",
     ("data", "details"): "Geometry '{name}' changed",
@@ -45,6 +46,9 @@ PARTS = {
     ("settings", "override"): "The view layer has another material override",
     ("settings", "volumes"): "The view layer shows volumes, or no longer does",
     ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
+    ("motion", "shutter"): "Motion blur or its shutter changed",
+    ("motion", "frame"): "Another frame is shown, and motion blur follows it",
+    ("motion", "animation"): "An animation that motion blur follows changed",
     ("rules", "lights"): "Shadow linking, bounces or Multiple Importance of a light changed",
     ("settings", "space"): "The file has another working space",
     ("collections", "hidden"): "Objects were hidden or shown by their collection",
@@ -63,6 +67,7 @@ ORDER = (
         "settings",
         "rules",
         "collections",
+        "motion",
         "world",
         "space",
         "object",
@@ -93,6 +98,8 @@ def _of_one(key: str, baked: Fingerprint | None, present: Fingerprint | None) ->
     parts = [part for part in parts if part in baked or part not in LATER]
     if kind == "camera" and "name" in parts:
         return [f"The camera is '{present.get('name')}' now; the bake is of '{baked.get('name')}'"]
+    if kind == "motion" and "shutter" in parts:
+        parts = ["shutter"]
     if kind == "film":
         return [f"The picture has {present.get('size')} pixels now; the bake has {baked.get('size')}"]
     if kind == "sequences":  # Images come and go with materials.

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import bpy
+
+NO_MOTION: Mapping[str, Any] = MappingProxyType({})
 
 
 class UnsupportedCameraError(Exception):
@@ -44,8 +47,10 @@ def why_no_picture(scene: bpy.types.Scene) -> str:
     return ""
 
 
-def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, size: tuple[int, int]) -> str:
-    """The JSON form of `BlenderCamera` for an evaluated camera object and a film of `size` pixels."""
+def camera_json(
+    camera: bpy.types.Object, scene: bpy.types.Scene, size: tuple[int, int], motion: Mapping[str, Any] = NO_MOTION
+) -> str:
+    """The JSON form of `BlenderCamera` for an evaluated camera object, a film of `size` pixels and its motion."""
     data, render = camera.data, scene.render
     description = {
         "name": camera.name,
@@ -61,6 +66,7 @@ def camera_json(camera: bpy.types.Object, scene: bpy.types.Scene, size: tuple[in
         "clip_start": data.clip_start,
         "clip_end": data.clip_end,
         "depth_of_field": _depth_of_field(camera) if data.dof.use_dof else None,
+        **motion,
     }
     try:
         return json.dumps(description, allow_nan=False)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from functools import partial
 from typing import Any, NamedTuple
 
 import bpy
@@ -25,6 +26,11 @@ MANY_KEYS = 2_000_000
 """Keys of particle hair from which their reading is slow: Blender tells the place of each alone."""
 
 
+Move = Callable[..., dict[str, np.ndarray]]
+"""Finds the motion of elements by their places now, their attributes and the name of their part, as an argument for a
+builder."""
+
+
 class Strands(NamedTuple):
     """Curves that were exported."""
 
@@ -45,20 +51,20 @@ class CurvesExporter:
         self.known: dict[Any, list[Strands]] = {}
         """Exported parts, by the addresses of evaluated curves or the evaluated object."""
 
-    def of_curves(self, obj: bpy.types.Object) -> list[Strands]:
+    def of_curves(self, obj: bpy.types.Object, move: Move) -> list[Strands]:
         """The strands of an evaluated object of type CURVES; none if there is nothing to see."""
         key = obj.data.as_pointer()
         if key not in self.known:
-            self.known[key] = self._add_curves(obj)
+            self.known[key] = self._add_curves(obj, move)
         return self.known[key]
 
-    def of_particles(self, obj: bpy.types.Object) -> list[Strands]:
+    def of_particles(self, obj: bpy.types.Object, move: Move) -> list[Strands]:
         """The strands of the particle systems of an evaluated object, each system's by itself."""
         key = obj.as_pointer(), "particles"
         if key not in self.known:
             self.known[key] = []
             hair = [modifier for modifier in obj.modifiers if is_rendered_hair(modifier)]
-            if hair and hides_hair(obj):
+            if hair and not hair_of(obj):
                 advice = "go to Object Mode, and bake again"
                 self.builder.warn(
                     f"object '{obj.name}': its particle hair is left out while it is edited, as by Cycles; {advice}"
@@ -71,7 +77,8 @@ class CurvesExporter:
                     if arrays is not None:
                         self._say_slow(obj, modifier, len(arrays["keys"]))
                         slot = modifier.particle_system.settings.material - 1
-                        self.known[key] += self._add(obj, arrays | {"first_number": first_number}, slot)
+                        part = partial(move, attributes=None, part=modifier.particle_system.name)
+                        self.known[key] += self._add(obj, arrays | {"first_number": first_number}, slot, part)
                         first_number += len(arrays["first_keys"]) - 1
         return self.known[key]
 
@@ -81,7 +88,7 @@ class CurvesExporter:
             problem = f"particle system '{name}' has {keys} keys, which Blender tells one by one: slow to read"
             self.builder.warn(f"object '{obj.name}': {problem} (convert it to hair curves)")
 
-    def _add_curves(self, obj: bpy.types.Object) -> list[Strands]:
+    def _add_curves(self, obj: bpy.types.Object, move: Move) -> list[Strands]:
         curves = obj.data
         if len(curves.points) == 0:
             return []
@@ -91,12 +98,13 @@ class CurvesExporter:
             arrays["normals"] = np.array([normal.vector[:] for normal in curves.normals], np.float32)
         # From Blender 5.0 on.
         is_linear = bpy.app.version >= (5, 0) and _is_poly(curves)
-        return self._add(obj, arrays | ({"shape": "linear"} if is_linear else {}), 0)
+        part = partial(move, attributes=curves.attributes)
+        return self._add(obj, arrays | ({"shape": "linear"} if is_linear else {}), 0, part)
 
-    def _add(self, obj: bpy.types.Object, arrays: dict[str, Any], slot: int) -> list[Strands]:
+    def _add(self, obj: bpy.types.Object, arrays: dict[str, Any], slot: int, move: Move) -> list[Strands]:
         self._mend(obj, arrays)
         try:
-            number = self.builder.add_curves(obj.name, **(self.shape | arrays))
+            number = self.builder.add_curves(obj.name, **(self.shape | arrays), **move(places_of_curves(arrays)))
         except ValueError as error:
             self.builder.warn(f"object '{obj.name}': {error}; its hair is left out")
             return []
@@ -130,6 +138,16 @@ def strand_shape(scene: bpy.types.Scene) -> dict[str, Any]:
 def hides_hair(obj: bpy.types.Object) -> bool:
     """True if an object is in a mode in which Blender evaluates no particle hair, not even for renders."""
     return obj.mode in {"EDIT", "PARTICLE_EDIT"}
+
+
+def hair_of(obj: bpy.types.Object) -> list[bpy.types.ParticleSystemModifier]:
+    """Particle systems of an object whose paths Cycles renders."""
+    return [] if hides_hair(obj) else [modifier for modifier in obj.modifiers if is_rendered_hair(modifier)]
+
+
+def places_of_curves(arrays: dict[str, Any]) -> np.ndarray:
+    """Keys and radii of strands, [K, 4]."""
+    return np.column_stack([arrays["keys"], np.maximum(arrays["radii"], 0.0)])
 
 
 def is_rendered_hair(modifier: bpy.types.Modifier) -> bool:

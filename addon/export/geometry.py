@@ -10,6 +10,7 @@ import numpy as np
 
 from .arrays import LAYOUTS, stored
 from .attributes import UNREAD, as_colors, as_factors, attribute_values
+from .curves import Move
 from .materials import ANY_UV_MAP, FACTOR
 from .shape_attributes import of_shape
 
@@ -26,19 +27,20 @@ class GeometryExporter:
         self.attributes: dict[int, set[str]] = {}
         """Names of attributes that materials can read, by mesh number."""
 
-    def mesh_number(self, obj: bpy.types.Object, is_displaced: bool) -> int | None:
+    def mesh_number(self, obj: bpy.types.Object, is_displaced: bool, move: Move) -> int | None:
         """Number of the mesh of an evaluated object; None if it has no faces, or damaged ones. Evaluated meshes are
         shared by all instances of one evaluated object and by linked duplicates without modifiers. `is_displaced`: a
-        material of the object displaces it."""
+        material of the object displaces it. `move` finds its motion."""
         key = obj.data.as_pointer(), is_displaced
         if key not in self.numbers:
             mesh = shown_mesh(obj)
-            self.numbers[key] = self._add(obj, mesh, is_displaced) if len(mesh.polygons) else None
+            self.numbers[key] = self._add(obj, mesh, is_displaced, move) if len(mesh.polygons) else None
         return self.numbers[key]
 
-    def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh, is_displaced: bool) -> int | None:
+    def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh, is_displaced: bool, move: Move) -> int | None:
         """Number of a mesh that an object shows; None, and a warning, of one that is damaged beyond repair."""
         arrays = mesh_arrays(mesh, self.attribute_names)
+        arrays |= move(arrays["positions"], mesh.attributes)
         if is_displaced:
             add_displacement(arrays, mesh)
         try:
@@ -114,6 +116,8 @@ def add_displacement(arrays: dict[str, Any], mesh: bpy.types.Mesh) -> None:
     normals = arrays.pop("corner_normals")
     keys = np.column_stack([arrays["corner_verts"].astype(np.float32), normals]).view(np.int32)
     _, first, split = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    if "motion" in arrays:
+        arrays["motion"] = arrays["motion"][:, arrays["corner_verts"][first]]
     arrays["positions"] = arrays["positions"][arrays["corner_verts"][first]]
     arrays["corner_verts"] = split.reshape(-1).astype(np.int32)
     arrays["vertex_normals"] = arrays["displacement_normals"] = normals[first]

@@ -19,8 +19,6 @@ none, and file output nodes would write over the artist's files."""
 def left_out_of_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
     """Sentences about settings of a scene and its view layer that no picture by Relume has."""
     sentences = []
-    if scene.render.use_motion_blur and layer.use_motion_blur:
-        sentences.append(f"scene '{scene.name}': motion blur is not supported yet; the frame is baked without it")
     if scene.render.use_simplify and _limits_textures(scene):
         words = "the texture limit of Simplify is not supported; textures keep their size"
         sentences.append(f"scene '{scene.name}': {words}")

@@ -10,6 +10,7 @@ import numpy as np
 
 from .arrays import stored
 from .attributes import attribute_colors
+from .curves import Move
 from .materials import FACTOR
 
 DEFAULT_RADIUS = 0.01
@@ -25,14 +26,14 @@ class PointsExporter:
         self.known: dict[int, tuple[int, set[str]] | None] = {}
         """Numbers of point clouds, and names of attributes that materials can read, by addresses."""
 
-    def of_cloud(self, obj: bpy.types.Object) -> tuple[int, set[str]] | None:
+    def of_cloud(self, obj: bpy.types.Object, move: Move) -> tuple[int, set[str]] | None:
         """Number of the point cloud of an evaluated object, and names of its attributes; None without points."""
         key = obj.data.as_pointer()
         if key not in self.known:
-            self.known[key] = self._add(obj) if len(obj.data.points) else None
+            self.known[key] = self._add(obj, move) if len(obj.data.points) else None
         return self.known[key]
 
-    def _add(self, obj: bpy.types.Object) -> tuple[int, set[str]] | None:
+    def _add(self, obj: bpy.types.Object, move: Move) -> tuple[int, set[str]] | None:
         arrays = points_arrays(obj.data, self.attribute_names)
         positions, radii = arrays["positions"], arrays["radii"]
         bad = ~(np.isfinite(positions).all(axis=1) & np.isfinite(radii))
@@ -41,11 +42,17 @@ class PointsExporter:
             self.builder.warn(f"object '{obj.name}': {bad.sum()} points that are no numbers are left out")
         np.maximum(radii, 0.0, out=radii)
         try:
-            number = self.builder.add_points(obj.data.name, **arrays)
+            motion = move(places_of_points(arrays), obj.data.attributes)
+            number = self.builder.add_points(obj.data.name, **arrays, **motion)
         except ValueError as error:
             self.builder.warn(f"object '{obj.name}': {error}; left out")
             return None
         return number, {name.removesuffix(FACTOR) for name in (*arrays["attributes"], *arrays["uv_maps"])}
+
+
+def places_of_points(arrays: dict[str, Any]) -> np.ndarray:
+    """Centres and radii of points, [N, 4]."""
+    return np.column_stack([arrays["positions"], np.maximum(arrays["radii"], 0.0)])
 
 
 def points_arrays(cloud: bpy.types.PointCloud, attribute_names: Collection[str] = ()) -> dict[str, Any]:

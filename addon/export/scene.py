@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable
+from functools import partial
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
-from .curves import CurvesExporter, Strands
+from .curves import CurvesExporter, Move, Strands
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
 from .lamp_shaders import LampShaders
@@ -21,9 +22,10 @@ from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
+from .motion import FrameSet, Motion, followed, owner_of
 from .object_attributes import asks_instancer, surroundings_of, values_of_instance
 from .points import PointsExporter
-from .volumes import VolumeExporter, density_factor, smoke_domain
+from .volumes import VolumeExporter, density_factor, has_velocity, smoke_domain
 from .world import Space, WorldRenderError, export_world, world_of
 from .world_graph import WorldGraph
 
@@ -67,10 +69,11 @@ def export_scene(
     options: ExportOptions,
     render_world: RenderWorld = _no_render,
     convert_image: Convert = no_convert,
+    frame_set: FrameSet | None = None,
 ) -> None:
     """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders. What a world's nodes do
     `render_world` finds out where they are more than a colour or an environment texture. `convert_image` knows all
-    colour spaces."""
+    colour spaces. `frame_set` shows other frames in the depsgraph; without it nothing moves."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
     if not depsgraph.view_layer.use_solid:
@@ -80,7 +83,11 @@ def export_scene(
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     camera = _camera_object(depsgraph, options)
     builder.set_camera(camera_json(camera, scene, size))
-    _SceneExporter(builder, depsgraph, camera, render_world, convert_image).run()
+    frame = scene.frame_current
+    with followed(depsgraph, camera, frame_set) as motion:
+        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame).run()
+        if moved := motion.camera_json(camera):
+            builder.set_camera(camera_json(camera, scene, size, moved))
 
 
 def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
@@ -128,20 +135,23 @@ class _SceneExporter:
         camera: bpy.types.Object,
         render_world: RenderWorld,
         convert_image: Convert,
+        motion: Motion,
+        frame: int,
     ):
-        self.builder = builder
+        """Exports what the depsgraph shows and its motion; images are those of the frame."""
+        self.builder, self.motion = builder, motion
         self.camera = camera
         self.render_world = render_world
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
-        self.images = ImageExporter(builder, depsgraph.scene.frame_current, convert_image)
+        self.images = ImageExporter(builder, frame, convert_image)
         self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(
             lambda light: builder.add_light(json.dumps(light)),
             builder.warn,
             self.linking,
-            LampShaders(builder.constant_emission, builder.empty, depsgraph.scene.frame_current),
+            LampShaders(builder.constant_emission, builder.empty, frame),
         )
         names = asked_attributes()
         self.geometry = GeometryExporter(builder, names)
@@ -160,30 +170,33 @@ class _SceneExporter:
             obj = instance.object
             uid = obj.original.session_uid
             if instance.show_particles and self.view_layer.use_strand:
-                for strands in self.curves.of_particles(obj):
+                for strands in self.curves.of_particles(obj, self._move(instance)):
                     self._export_strands(instance, strands)
             if not instance.show_self:
                 continue
             if self._is_new(uid, obj.type):
                 self._warn_about_type(obj)
             if obj.type == "LIGHT":
-                self.lights.export(obj, _owner(instance), instance.matrix_world, self.camera)
+                self.lights.export(obj, owner_of(instance), instance.matrix_world, self.camera)
             elif obj.type == "VOLUME" or (obj.type == "MESH" and not instance.is_instance and smoke_domain(obj)):
                 self._export_volume(instance)
             elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
-                number = self.geometry.mesh_number(obj, self._is_displaced(obj))
+                number = self.geometry.mesh_number(obj, self._is_displaced(obj), self._move(instance))
                 if number is not None:
                     self._place(instance, _Placed("mesh", number, self.geometry.attributes[number]))
             elif obj.type == "CURVES" and self.view_layer.use_strand:
-                for strands in self.curves.of_curves(obj):
+                for strands in self.curves.of_curves(obj, self._move(instance)):
                     self._export_strands(instance, strands)
-            elif obj.type == "POINTCLOUD" and (cloud := self.points.of_cloud(obj)) is not None:
+            elif obj.type == "POINTCLOUD" and (cloud := self.points.of_cloud(obj, self._move(instance))) is not None:
                 self._place(instance, _Placed("points", *cloud))
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
         world = world_of(scene, view_layer)
         volume = self.materials.world_volume(world) if world is not None else None
         space = Space(volume, self.linking.space_number)
         export_world(self.builder, self.images, self._world_texture, scene, view_layer, space)
+
+    def _move(self, instance: bpy.types.DepsgraphObjectInstance) -> Move:
+        return partial(self.motion.of_shape, instance)
 
     def _world_texture(self, world: WorldGraph, name: str) -> int:
         return self.builder.add_texture(name, self.render_world(world), encoding="linear", alpha="none")
@@ -198,17 +211,21 @@ class _SceneExporter:
             return
         export = self.volumes.of_object if obj.type == "VOLUME" else self.volumes.of_domain
         if volume := export(obj, self._slots(obj)):
+            if self.motion.shutter is not None and has_velocity(obj):
+                words = "motion by its velocities is not supported yet; it moves as a whole"
+                self.builder.warn(f"object '{obj.name}': {words}")
             settings = {"grids": volume.grids, "density_factor": density_factor(obj, instance.matrix_world)}
             self._place(instance, _Placed("mesh", volume.mesh, set(), is_hull=True), **settings)
 
     def _place(self, instance: bpy.types.DepsgraphObjectInstance, placed: _Placed, **volume: Any) -> None:
         obj = instance.object
-        owner = _owner(instance).original
+        owner = owner_of(instance).original
         key = obj.original.session_uid, owner.session_uid, placed.kind, placed.number
         if key not in self.shared:
             self.shared[key] = self._shared(obj, owner, placed, instance.is_instance)
         shared = self.shared[key]
         attributes = {"attributes": values_of_instance(instance, shared.asked)} if shared.asked else {}
+        moved = {"motion": keys} if (keys := self.motion.of_instance(instance)) else {}
         self.builder.add_instance(
             shared.name,
             placed.number,
@@ -218,6 +235,7 @@ class _SceneExporter:
             random=(instance.random_id & MASK) / MASK if instance.is_instance else random_of_name(shared.name),
             **shared.settings,
             **attributes,
+            **moved,
             **volume,
         )
 
@@ -312,11 +330,6 @@ class _SceneExporter:
                         "its mesh has no UV map, and the normal map bends light otherwise than in Cycles; unwrap it"
                     )
                 self.builder.warn(f"object '{obj.name}', {where}: {problem}")
-
-
-def _owner(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:
-    """Object that makes the instance, or the object itself."""
-    return instance.parent if instance.is_instance and instance.parent else instance.object
 
 
 def shadow_terminator(obj: bpy.types.Object) -> tuple[float, float]:

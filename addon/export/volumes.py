@@ -136,6 +136,15 @@ def smoke_grid(domain: Any, name: str) -> np.ndarray | None:
     return array.reshape((z, y, x, numbers) if numbers > 1 else (z, y, x))
 
 
+def has_velocity(obj: bpy.types.Object) -> bool:
+    """True if a volume object or smoke domain has grids of velocities, by which Cycles blurs it."""
+    if obj.type != "VOLUME":
+        domain: Any = smoke_domain(obj)
+        return len(domain.velocity_grid) > 0
+    name = obj.data.velocity_grid
+    return any(grid.name in {name, f"{name}_x", f"{name}x"} for grid in obj.data.grids)
+
+
 def density_factor(obj: bpy.types.Object, matrix: Any) -> float:
     """Factor on the density of a volume that is placed by a matrix: Blender means it by metre of the object, or of the
     world."""

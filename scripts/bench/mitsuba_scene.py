@@ -240,7 +240,7 @@ def main():
     bpy.ops.wm.open_mainfile(filepath=args.blend)
     bpy.ops.preferences.addon_enable(module="cycles")
     scene = MitsubaScene(args.folder)
-    with_render_depsgraph(bpy.context.scene, lambda graph, _: export_scene(scene, graph, ExportOptions()))
+    with_render_depsgraph(bpy.context.scene, lambda _engine, graph, _: export_scene(scene, graph, ExportOptions()))
     print(json.dumps({"scene": str(scene.write())}), flush=True)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import bpy
 from bpy.app.handlers import persistent
@@ -23,6 +23,8 @@ from ...export.stop import ExportCancelled, Stop
 from ...export.view_layer import render_layer
 
 Result = TypeVar("Result")
+Work: TypeAlias = Callable[[bpy.types.RenderEngine, bpy.types.Depsgraph, Stop], Result]
+"""Work with an engine in its render and with its depsgraph; the last argument says if it should stop."""
 
 POLL_SECONDS = 0.01
 SWITCH_SECONDS = 0.0002
@@ -66,7 +68,7 @@ def run_waiting(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) 
 class RenderTask(Generic[Result]):
     """Work with a render-mode depsgraph, and what came of it. Raises RuntimeError of a scene without a picture."""
 
-    def __init__(self, scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]):
+    def __init__(self, scene: bpy.types.Scene, work: Work[Result]):
         if words := why_no_picture(scene):  # Blender would not say of which scene.
             raise RuntimeError(words)
         self.scene_name, self.layer_name = scene.name, render_layer(scene).name
@@ -84,7 +86,7 @@ class RenderTask(Generic[Result]):
         before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_SECONDS)
         try:
-            self._outcome.append(self.work(depsgraph, lambda: self.cancelled or engine.test_break()))
+            self._outcome.append(self.work(engine, depsgraph, lambda: self.cancelled or engine.test_break()))
         except BaseException as error:
             self._error = error
         finally:
@@ -107,9 +109,9 @@ class RenderTask(Generic[Result]):
         )
 
 
-def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Depsgraph, Stop], Result]) -> Result:
-    """Calls `work` with the depsgraph of the scene's present frame and first render layer, and with a function that
-    returns True if it should stop. Returns its result. Blender's window stands still meanwhile."""
+def with_render_depsgraph(scene: bpy.types.Scene, work: Work[Result]) -> Result:
+    """Calls `work` with an engine, the depsgraph of the scene's present frame and first render layer, and a function
+    that returns True if it should stop. Returns its result. Blender's window stands still meanwhile."""
     task = RenderTask(scene, work)
     with _engine() as engine, _copied(scene, task, engine) as copy, _render_slot(), _synchronised_layers(copy):
         # The copy is the context's scene, so that it keeps its own frame.
@@ -120,7 +122,7 @@ def with_render_depsgraph(scene: bpy.types.Scene, work: Callable[[bpy.types.Deps
 
 def start_with_render_depsgraph(
     scene: bpy.types.Scene,
-    work: Callable[[bpy.types.Depsgraph, Stop], Result],
+    work: Work[Result],
     done: Callable[[Result | None, BaseException | None], None],
 ) -> RenderTask[Result]:
     """Starts `with_render_depsgraph` and returns at once. `work` runs on another thread; `done` is called from

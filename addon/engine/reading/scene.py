@@ -15,7 +15,7 @@ from ...export.working_space import LINEAR_REC709, working_space
 from ..native import native
 from ..workers import image_colors
 from ..world import worlds
-from .render_depsgraph import RenderTask, start_with_render_depsgraph, with_render_depsgraph
+from .render_depsgraph import RenderTask, Work, start_with_render_depsgraph, with_render_depsgraph
 
 
 def load_scene(scene: bpy.types.Scene, options: ExportOptions | None = None) -> Any:
@@ -45,10 +45,20 @@ def load_scene_async(
 
 
 def scene_of_depsgraph(
-    depsgraph: bpy.types.Depsgraph, options: ExportOptions | None, stop: Stop, notes: Sequence[str] = ()
+    engine: bpy.types.RenderEngine,
+    depsgraph: bpy.types.Depsgraph,
+    options: ExportOptions | None,
+    stop: Stop,
+    notes: Sequence[str] = (),
 ) -> Any:
-    """A `relume.Scene` of what a render engine was given, with notes among its warnings. Raises `ExportCancelled` soon
-    after `stop` says so."""
+    """A `relume.Scene` of what a render engine was given, with notes among its warnings. The engine shows other frames
+    meanwhile, where things move. Raises `ExportCancelled` soon after `stop` says so."""
+
+    def frame_set(frame: int, part: float) -> None:
+        engine.frame_set(frame, subframe=part)
+        if stop():
+            raise ExportCancelled("cancelled")
+
     builder = native().SceneBuilder(working_space())
     for note in notes:
         builder.warn(note)
@@ -60,16 +70,17 @@ def scene_of_depsgraph(
         options or ExportOptions(),
         lambda world: worlds.rendered(world, stop),
         lambda image: image_colors.converted(image, stop),
+        frame_set,
     )
     return builder.build()
 
 
-def _export(scene: bpy.types.Scene, options: ExportOptions | None) -> Callable[[bpy.types.Depsgraph, Stop], Any]:
+def _export(scene: bpy.types.Scene, options: ExportOptions | None) -> Work[Any]:
     """Work that reads a scene and names what is left out. That is found before: the copy that is read has another name
     and other settings."""
     layer = render_layer(scene)
     notes = [*left_out_of_scene(scene, layer), *left_to_blender(scene, layer)]
-    return lambda depsgraph, stop: scene_of_depsgraph(depsgraph, options, stop, notes)
+    return lambda engine, depsgraph, stop: scene_of_depsgraph(engine, depsgraph, options, stop, notes)
 
 
 class _Stoppable:

@@ -117,7 +117,9 @@ class _FinalRender:
         self._say("Reading the scene", 0.0)
         size = film_size(self.scene.render)
         notes = left_out_of_scene(self.scene, self.depsgraph.view_layer)
-        exported = scene_of_depsgraph(self.depsgraph, ExportOptions(resolution=size), self._is_stopped, notes)
+        exported = scene_of_depsgraph(
+            self.engine, self.depsgraph, ExportOptions(resolution=size), self._is_stopped, notes
+        )
         for text in grouped(tuple(exported.warnings)):
             self._warn(text)
         lights = self._mixed(json.loads(exported.lights()))

@@ -24,6 +24,7 @@ from ...export.instancers import node_inputs, objects_in
 from ...export.lights import rules_of_lights
 from ...export.materials import sampling_settings
 from ...export.materials.graph import used_tree
+from ...export.motion import motion_settings
 from ...export.object_attributes import find_rgba
 from ...export.plain import plain
 from ...export.scene import shadow_terminator
@@ -31,6 +32,7 @@ from ...export.view_layer import render_layer
 from ...export.working_space import working_space
 from ...export.world import world_of
 from .dependencies import dependencies_of, image_nodes, may_instance, nodes_in
+from .motion_fingerprints import motion
 from .node_fingerprints import drawn_curves, group, hashed, ramp, tree, values
 from .shape_fingerprints import DATA, shape
 from .volume_fingerprints import smoke, stamp, volume
@@ -67,6 +69,8 @@ def keys_of_block(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
         return list(ONE_OF_A_KIND)
     if isinstance(found, bpy.types.Key):
         return keys_of_block(found.user, scene)
+    if isinstance(found, bpy.types.Action):
+        return ["motion"]
     kind = _kind(found)
     own = [f"{kind} {found.name_full}"] if kind else []
     if isinstance(found, bpy.types.Image):
@@ -249,6 +253,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     if obj.modifiers:
         found["modifiers"] = hashed([_modifier(modifier) for modifier in obj.modifiers])
         found["details"] = hashed([_modifier_details(modifier) for modifier in obj.modifiers])
+    if (settings := motion_settings(obj)) is not None:
+        found["motion"] = hashed(settings)
     if obj.pose:
         found["pose"] = hashed([_matrix(bone.matrix) for bone in obj.pose.bones])
     return found
@@ -424,6 +430,7 @@ ONE_OF_A_KIND: dict[str, Callable[[bpy.types.Scene], Fingerprint | None]] = {
     "settings": _settings,
     "rules": _rules,
     "collections": _collections,
+    "motion": motion,
     "world": world,
     "space": space,
     "sequences": _sequences,

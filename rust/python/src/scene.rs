@@ -164,7 +164,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
         "materials": scene.materials,
         "meshes": scene.meshes.iter().map(|m| serde_json::json!({
             "name": m.name, "triangles": m.triangles.len(), "smooth": !m.corner_normals.is_empty(),
-            "displaced": m.undisplaced.is_some(),
+            "displaced": m.undisplaced.is_some(), "motion_keys": m.motion.len() / m.positions.len().max(1),
             "color_attributes": m.color_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
             "uv_maps": m.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
@@ -175,16 +175,18 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
             "visible_volume_scatter": i.visible_volume_scatter, "visible_shadow": i.visible_shadow, "is_holdout": i.is_holdout, "density_factor": i.density_factor,
+            "motion_keys": i.motion.len(),
         })).collect::<Vec<_>>(),
         "curves": scene.curves.iter().map(|c| serde_json::json!({
             "name": c.name, "shape": c.shape, "curves": c.curve_count(), "keys": c.keys.len(),
+            "motion_keys": c.motion.len() / c.keys.len().max(1),
             "radii": [c.radii.iter().copied().fold(f32::INFINITY, f32::min), c.radii.iter().copied().fold(0.0, f32::max)],
             "uv_maps": c.uv_maps.iter().map(|map| &map.name).collect::<Vec<_>>(),
             "key_attributes": c.key_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
             "curve_attributes": c.curve_attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "points": scene.points.iter().map(|p| serde_json::json!({
-            "name": p.name, "points": p.positions.len(),
+            "name": p.name, "points": p.positions.len(), "motion_keys": p.motion.len() / p.positions.len().max(1),
             "attributes": p.attributes.iter().map(|a| &a.name).collect::<Vec<_>>(),
         })).collect::<Vec<_>>(),
         "textures": scene.textures.iter().map(|t| serde_json::json!({

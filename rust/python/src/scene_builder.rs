@@ -56,7 +56,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, positions, corner_verts, face_starts, *, vertex_normals=None, corner_normals=None,
         sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None, texture_space=None,
-        displacement_normals=None, turns_corner_normals=false, shown_by=None))]
+        displacement_normals=None, turns_corner_normals=false, shown_by=None, motion=None))]
     fn add_mesh(
         &mut self,
         py: Python<'_>,
@@ -74,6 +74,7 @@ impl PySceneBuilder {
         displacement_normals: Option<&Bound<'_, PyAny>>,
         turns_corner_normals: bool,
         shown_by: Option<&str>,
+        motion: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<usize> {
         let positions = Array::<f32>::borrow("positions", positions)?;
         let corner_verts = Array::<i32>::borrow("corner_verts", corner_verts)?;
@@ -112,11 +113,12 @@ impl PySceneBuilder {
         for what in damage {
             self.builder.warn(format!("{damaged}: {what}"));
         }
+        mesh.motion = owned("motion", motion)?;
         enter_native(py, || self.builder.add_mesh(mesh))
     }
 
     #[pyo3(signature = (name, keys, radii, first_keys, *, shape="ribbon", subdivisions=2, first_number=0,
-        uv_maps=None,        key_attributes=None, curve_attributes=None, generated=None, normals=None))]
+        uv_maps=None,        key_attributes=None, curve_attributes=None, generated=None, normals=None, motion=None))]
     fn add_curves(
         &mut self,
         py: Python<'_>,
@@ -132,11 +134,8 @@ impl PySceneBuilder {
         curve_attributes: Option<&Bound<'_, PyDict>>,
         generated: Option<&Bound<'_, PyAny>>,
         normals: Option<&Bound<'_, PyAny>>,
+        motion: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<usize> {
-        let optional = |name, object: Option<_>| match object {
-            Some(object) => Ok(Array::<f32>::borrow(name, object)?.cast()?.to_vec()),
-            None => PyResult::Ok(Vec::new()),
-        };
         let curves = scene::Curves {
             name: name.into(),
             shape: strand_shape(shape, subdivisions)?,
@@ -147,13 +146,14 @@ impl PySceneBuilder {
             uv_maps: owned_uv_maps(uv_maps)?,
             key_attributes: owned_attributes("key_attributes", key_attributes)?,
             curve_attributes: owned_attributes("curve_attributes", curve_attributes)?,
-            generated: optional("generated", generated)?,
-            normals: optional("normals", normals)?,
+            generated: owned("generated", generated)?,
+            normals: owned("normals", normals)?,
+            motion: owned("motion", motion)?,
         };
         enter_native(py, || self.builder.add_curves(curves))
     }
 
-    #[pyo3(signature = (name, positions, radii, *, uv_maps=None, attributes=None))]
+    #[pyo3(signature = (name, positions, radii, *, uv_maps=None, attributes=None, motion=None))]
     fn add_points(
         &mut self,
         py: Python<'_>,
@@ -162,6 +162,7 @@ impl PySceneBuilder {
         radii: &Bound<'_, PyAny>,
         uv_maps: Option<&Bound<'_, PyDict>>,
         attributes: Option<&Bound<'_, PyDict>>,
+        motion: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<usize> {
         let points = scene::Points {
             name: name.into(),
@@ -169,13 +170,14 @@ impl PySceneBuilder {
             radii: Array::<f32>::borrow("radii", radii)?.cast()?.to_vec(),
             uv_maps: owned_uv_maps(uv_maps)?,
             attributes: owned_attributes("attributes", attributes)?,
+            motion: owned("motion", motion)?,
         };
         enter_native(py, || self.builder.add_points(points))
     }
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, density_factor=1.0, grids=None, attributes=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -197,6 +199,7 @@ impl PySceneBuilder {
         density_factor: f32,
         grids: Option<usize>,
         attributes: Vec<(String, [f32; 4])>,
+        motion: Vec<[[f32; 4]; 4]>,
     ) -> PyResult<()> {
         let geometry = match kind {
             "mesh" => scene::Geometry::Mesh(geometry),
@@ -222,6 +225,7 @@ impl PySceneBuilder {
             density_factor,
             grids,
             attributes,
+            motion: scene::Pose::keys(&motion.into_iter().map(affine_from_rows).collect::<Vec<_>>()),
             ..scene::Instance::new(name, geometry, affine_from_rows(world_from_object), materials)
         };
         enter_native(py, || self.builder.add_instance(instance))
@@ -438,6 +442,14 @@ fn strand_shape(shape: &str, subdivisions: u8) -> PyResult<scene::StrandShape> {
         "linear" => Ok(scene::StrandShape::Linear),
         _ => Err(invalid(format!("shape '{shape}' is not known")).into()),
     }
+}
+
+/// Values of an array, if there is one.
+fn owned<T: bytemuck::AnyBitPattern>(
+    argument: &'static str,
+    array: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Vec<T>> {
+    array.map_or(Ok(Vec::new()), |array| Ok(Array::<f32>::borrow(argument, array)?.cast()?.to_vec()))
 }
 
 fn owned_uv_maps(maps: Option<&Bound<'_, PyDict>>) -> PyResult<Vec<scene::UvMap>> {

@@ -1,6 +1,7 @@
 //! Blender's camera settings to a film window, as Cycles computes it (`blender/camera.cpp`).
 
-use crate::{Camera, DepthOfField, Projection};
+use crate::motion::keys_fault;
+use crate::{Camera, DepthOfField, Pose, Projection, Shutter};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
 /// A camera object of Blender with its camera data and the render settings that shape the film.
@@ -31,6 +32,15 @@ pub struct BlenderCamera {
     pub clip_start: f32,
     /// `Camera.clip_end`, metres.
     pub clip_end: f32,
+    /// Rows of its world matrix at each key of its motion; empty if it stands still.
+    #[serde(default)]
+    pub motion: Vec<[[f32; 4]; 4]>,
+    /// Focal lengths when the shutter opens and when it closes, if they differ from `lens`, millimetres.
+    #[serde(default)]
+    pub zoom: Option<[f32; 2]>,
+    /// Times at which it sees; nothing without motion blur.
+    #[serde(default)]
+    pub shutter: Option<Shutter>,
     /// Depth of field, if used.
     #[serde(default)]
     pub depth_of_field: Option<BlenderDepthOfField>,
@@ -81,9 +91,10 @@ impl BlenderCamera {
         self.validate()?;
         let [width, height] = self.resolution;
         let (window_min, window_max) = self.window();
+        let keys = self.motion.iter().map(|rows| self.world_from_camera(rows));
         Ok(Camera {
             name: self.name.clone(),
-            world_from_camera: self.world_from_camera()?,
+            world_from_camera: self.world_from_camera(&self.world_from_object)?,
             projection: match self.projection {
                 Projection::Panoramic(panorama) => {
                     Projection::Panoramic(panorama.on_sensor(self.edges(self.fitted_sensor())))
@@ -96,6 +107,9 @@ impl BlenderCamera {
             window_max,
             clip_start: self.clip_start,
             clip_end: self.clip_end,
+            motion: Pose::keys(&keys.collect::<Result<Vec<_>, _>>()?),
+            zoom: self.zoom.map(|lenses| lenses.map(|lens| self.lens / lens)),
+            shutter: self.shutter.clone(),
             depth_of_field: self.depth_of_field.map(|dof| self.lens_of(dof)),
         })
     }
@@ -151,8 +165,8 @@ impl BlenderCamera {
         }
     }
 
-    fn world_from_camera(&self) -> Result<Affine3A, CameraError> {
-        let column = |c: usize| Vec3::from_array(std::array::from_fn(|row| self.world_from_object[row][c]));
+    fn world_from_camera(&self, rows: &[[f32; 4]; 4]) -> Result<Affine3A, CameraError> {
+        let column = |c: usize| Vec3::from_array(std::array::from_fn(|row| rows[row][c]));
         let axis = |c: usize| {
             column(c).try_normalize().ok_or_else(|| self.error("its scale is zero; set a scale above zero"))
         };
@@ -162,11 +176,17 @@ impl BlenderCamera {
     fn validate(&self) -> Result<(), CameraError> {
         let sizes = [self.sensor[0], self.sensor[1], self.lens, self.ortho_scale];
         let settings = [self.clip_start, self.clip_end, self.shift[0], self.shift[1]];
-        let mut numbers = self.world_from_object.iter().flatten().chain(&sizes).chain(&settings);
+        let matrices = [&self.world_from_object].into_iter().chain(&self.motion);
+        let mut numbers = matrices.flatten().flatten().chain(&sizes).chain(&settings);
         if !numbers.all(|n| n.is_finite()) {
             return Err(self.error("a value is not a finite number; reset its transform and settings"));
         }
-        if sizes.iter().chain(&self.pixel_aspect).any(|size| size.is_nan() || *size <= 0.0) {
+        if sizes
+            .iter()
+            .chain(&self.pixel_aspect)
+            .chain(self.zoom.as_slice().as_flattened())
+            .any(|size| size.is_nan() || *size <= 0.0)
+        {
             return Err(self.error("lens, sensor, scale and pixel aspect must be above zero"));
         }
         if self.resolution.iter().any(|edge| !(1..=MAX_RESOLUTION).contains(edge)) {
@@ -174,6 +194,10 @@ impl BlenderCamera {
         }
         if !(0.0 <= self.clip_start && self.clip_start < self.clip_end) {
             return Err(self.error("clip start must lie below clip end"));
+        }
+        let keys = keys_fault(self.motion.len());
+        if let Some(reason) = keys.or_else(|| self.shutter.as_ref().and_then(Shutter::fault)) {
+            return Err(self.error(reason));
         }
         if let Projection::Panoramic(panorama) = &self.projection
             && !panorama.on_sensor(Vec2::ONE).is_sound()
@@ -211,6 +235,9 @@ mod tests {
             shift: [0.0, 0.0],
             clip_start: 0.1,
             clip_end: 100.0,
+            motion: Vec::new(),
+            zoom: None,
+            shutter: None,
             depth_of_field: None,
         }
     }
@@ -278,6 +305,8 @@ mod tests {
             BlenderCamera { resolution: [0, 5], ..camera() },
             BlenderCamera { clip_start: f32::NAN, ..camera() },
             BlenderCamera { clip_end: 0.05, ..camera() },
+            BlenderCamera { zoom: Some([50.0, 0.0]), ..camera() },
+            BlenderCamera { motion: vec![camera().world_from_object; 2], ..camera() },
             BlenderCamera {
                 projection: Projection::Panoramic(crate::Panorama::FisheyeEquidistant { fov: 0.0 }),
                 ..camera()

@@ -1,6 +1,7 @@
 //! Builds a [`Scene`] piece by piece and refuses what the tracer could trip over.
 
 use crate::damage::can_be_placed;
+use crate::motion::{keys_fault, shape_fault};
 use crate::validate::world_fault;
 use crate::{
     Camera, Curves, Grid, GridSet, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture,
@@ -132,6 +133,8 @@ impl SceneBuilder {
             "its arrays differ in length"
         } else if !mesh.positions.iter().all(|p| p.is_finite()) {
             "a vertex is not a finite number"
+        } else if let Some(reason) = shape_fault(&mesh.motion, vertices, |position| position.is_finite()) {
+            reason
         } else {
             self.scene.meshes.push(mesh);
             return Ok(self.scene.meshes.len() - 1);
@@ -190,6 +193,8 @@ impl SceneBuilder {
             "its receiver number is above 2047"
         } else if instance.grids.is_some_and(|grids| grids >= self.scene.grids.len()) {
             "its grids do not exist"
+        } else if let Some(reason) = keys_fault(instance.motion.len()) {
+            reason
         } else {
             self.place(instance);
             return Ok(());

@@ -1,6 +1,6 @@
 use glam::{Affine3A, Vec2};
 
-use crate::Panorama;
+use crate::{Panorama, Pose, Shutter};
 
 /// A Blender camera: looks down its local -z, +x right, +y up.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -25,6 +25,16 @@ pub struct Camera {
     /// Rays end at this distance along -z, in metres.
     #[serde(deserialize_with = "null_as_infinity")]
     pub clip_end: f32,
+    /// Its transform at each key of its motion, in the middle that of `world_from_camera`; empty if it stands still.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<Pose>,
+    /// Factors on the film window when the shutter opens and when it closes, of a lens that zooms; between them and the
+    /// middle of the interval the window changes evenly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zoom: Option<[f32; 2]>,
+    /// Times at which it sees; nothing where nothing moves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shutter: Option<Shutter>,
     /// Thin lens, if used.
     pub depth_of_field: Option<DepthOfField>,
 }
@@ -74,6 +84,9 @@ impl Default for Camera {
             window_max: Vec2::splat(0.5),
             clip_start: 0.0,
             clip_end: f32::INFINITY,
+            motion: Vec::new(),
+            zoom: None,
+            shutter: None,
             depth_of_field: None,
         }
     }

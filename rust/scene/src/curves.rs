@@ -1,6 +1,9 @@
 use glam::{Vec3, Vec4};
 
-use crate::{ColorAttribute, UvMap};
+use crate::{
+    ColorAttribute, UvMap,
+    motion::{is_sphere, shape_fault},
+};
 
 /// Most memory for a span, bytes, scene included: while its tree is built, measured with 100,000 strands.
 const SPAN_BYTES: u64 = 700;
@@ -19,6 +22,9 @@ pub struct Curves {
     pub keys: Vec<Vec3>,
     /// Radius at each key, metres.
     pub radii: Vec<f32>,
+    /// Position and radius of all keys at each key of its motion, one after the other, in the middle the same as above; empty
+    /// if they keep their shape.
+    pub motion: Vec<Vec4>,
     /// First key of each curve, and the number of keys last: one entry more than there are curves.
     pub first_keys: Vec<u32>,
     /// Number of the first curve, by which random numbers go: hair systems of one object are counted together.
@@ -84,10 +90,10 @@ impl Curves {
         self.first_keys.partition_point(|first| *first as usize <= key).saturating_sub(1)
     }
 
-    /// Position and radius of the four keys about a span, the outer ones repeated at the ends of its curve.
-    pub fn span(&self, key: usize) -> [Vec4; 4] {
+    /// Position and radius at a time of the four keys about a span, the outer ones repeated at the ends of its curve.
+    pub fn span_at(&self, key: usize, time: f32) -> [Vec4; 4] {
         let keys = self.keys_of(self.curve_of(key));
-        let at = |key: usize| self.keys[key].extend(self.radii[key]);
+        let at = |key: usize| self.key_at(key, time);
         [
             at(key.saturating_sub(1).max(keys.start)),
             at(key),
@@ -155,7 +161,7 @@ impl Curves {
         {
             Some("its arrays differ in length".to_owned())
         } else {
-            None
+            shape_fault(&self.motion, keys, is_sphere).map(str::to_owned)
         }
     }
 }
@@ -194,9 +200,9 @@ mod tests {
         let curves = two();
         assert_eq!([0, 1, 2, 3, 4].map(|key| curves.curve_of(key)), [0, 0, 0, 1, 1]);
         assert_eq!(curves.span_count(), 3);
-        let places = curves.span(1).map(|key| key.truncate());
+        let places = curves.span_at(1, 0.5).map(|key| key.truncate());
         assert_eq!(places, [curves.keys[0], curves.keys[1], curves.keys[2], curves.keys[2]]);
-        let places = curves.span(3).map(|key| key.truncate());
+        let places = curves.span_at(3, 0.5).map(|key| key.truncate());
         assert_eq!(places, [curves.keys[3], curves.keys[3], curves.keys[4], curves.keys[4]]);
     }
 

@@ -106,11 +106,19 @@ fn hash_mesh(hasher: &mut Hasher, mesh: &Mesh) {
     bytes(hasher, cast_slice(&mesh.corner_normals));
     bytes(hasher, cast_slice(&mesh.material_slots));
     bytes(hasher, cast_slice(mesh.texture_space.as_slice()));
+    hash_motion(hasher, &mesh.motion);
     hash_uv_maps(hasher, &mesh.uv_maps);
     hash_attributes(hasher, &mesh.color_attributes);
     if let Some(before) = &mesh.undisplaced {
         bytes(hasher, cast_slice(&before.positions));
         bytes(hasher, cast_slice(&before.corner_normals));
+    }
+}
+
+fn hash_motion<T: bytemuck::NoUninit>(hasher: &mut Hasher, keys: &[T]) {
+    if !keys.is_empty() {
+        bytes(hasher, b"motion");
+        bytes(hasher, cast_slice(keys));
     }
 }
 
@@ -135,6 +143,7 @@ fn hash_curves(hasher: &mut Hasher, curves: &Curves) {
     bytes(hasher, cast_slice(&curves.first_keys));
     bytes(hasher, cast_slice(&curves.generated));
     bytes(hasher, cast_slice(&curves.normals));
+    hash_motion(hasher, &curves.motion);
     hash_uv_maps(hasher, &curves.uv_maps);
     hash_attributes(hasher, &curves.key_attributes);
     hash_attributes(hasher, &curves.curve_attributes);
@@ -143,6 +152,7 @@ fn hash_curves(hasher: &mut Hasher, curves: &Curves) {
 fn hash_points(hasher: &mut Hasher, points: &Points) {
     bytes(hasher, cast_slice(&points.positions));
     bytes(hasher, cast_slice(&points.radii));
+    hash_motion(hasher, &points.motion);
     hash_uv_maps(hasher, &points.uv_maps);
     hash_attributes(hasher, &points.attributes);
 }
@@ -178,6 +188,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if let Some(grids) = instance.grids {
         json(hasher, &("grids", grids));
     }
+    if !instance.motion.is_empty() {
+        json(hasher, &("motion", &instance.motion));
+    }
     if !instance.visible_shadow {
         json(hasher, &"no shadow");
     }
@@ -202,10 +215,12 @@ fn hash_texture(hasher: &mut Hasher, texture: &Texture) {
 
 #[cfg(test)]
 mod tests {
-    use glam::{Affine3A, Vec3};
+    use glam::{Affine3A, Vec3, Vec4};
 
     use super::*;
-    use crate::{DenseGrid, GridInterpolation, GridSet, Light, LightShape, Undisplaced, WorldPart};
+    use crate::{
+        DenseGrid, GridInterpolation, GridSet, Light, LightShape, Pose, Shutter, Undisplaced, WorldPart,
+    };
 
     fn scene() -> Scene {
         Scene {
@@ -214,6 +229,10 @@ mod tests {
             grids: vec![GridSet { name: "Smoke".into(), grids: vec![grid()], ..GridSet::default() }],
             ..Scene::default()
         }
+    }
+
+    fn poses() -> Vec<Pose> {
+        Pose::keys(&[Vec3::X, Vec3::ZERO, Vec3::Y].map(Affine3A::from_translation))
     }
 
     fn grid() -> Grid {
@@ -225,12 +244,17 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 18] = [
+        let changes: [fn(&mut Scene); 23] = [
             |scene| scene.meshes[0].undisplaced = Some(Undisplaced::default()),
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
             |scene| scene.instances[0].is_holdout = true,
             |scene| scene.instances[0].density_factor = 0.5,
+            |scene| scene.meshes[0].motion = vec![Vec3::ONE; 3],
+            |scene| scene.instances[0].motion = poses(),
+            |scene| scene.camera.motion = poses(),
+            |scene| scene.camera.zoom = Some([1.0, 2.0]),
+            |scene| scene.camera.shutter = Some(Shutter { curve: vec![1.0], rolling: None }),
             |scene| scene.world.volume = Some(0),
             |scene| scene.meshes[0].positions[0].x = 1.000_001,
             |scene| scene.instances[0].world_from_object.translation.y = 1e-6,
@@ -265,7 +289,9 @@ mod tests {
             points: vec![Points { positions: vec![Vec3::ZERO], ..Points::default() }],
             ..scene()
         };
-        let changes: [fn(&mut Scene); 7] = [
+        let changes: [fn(&mut Scene); 9] = [
+            |scene| scene.curves[0].motion = vec![Vec4::ZERO; 6],
+            |scene| scene.points[0].motion = vec![Vec4::ONE; 3],
             |scene| scene.curves[0].keys[1].z = 2.0,
             |scene| scene.curves[0].radii.push(0.1),
             |scene| scene.curves[0].shape = crate::StrandShape::Linear,

@@ -21,6 +21,7 @@ mod light;
 mod light_lanes;
 mod material;
 mod mesh;
+mod motion;
 mod node;
 mod node_settings;
 mod obj;
@@ -56,6 +57,7 @@ pub use light::{Light, LightRules, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
 pub use material::{Input, Material, NodeId, Output};
 pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};
+pub use motion::{Pose, STILL, Shutter, blend, place};
 pub use node::Node;
 pub use node_settings::{
     Alpha, BlendMode, ColorMode, Curve, Distribution, IntegerMathOp, MapRangeKind, MappingKind, MathOp,

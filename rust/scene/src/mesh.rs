@@ -1,6 +1,6 @@
 use glam::{Affine3A, BVec3, Vec2, Vec3};
 
-use crate::{Displaceable, Geometry, Scene, Undisplaced};
+use crate::{Displaceable, Geometry, Pose, Scene, Undisplaced};
 
 /// A triangle mesh in object space. Corner `3 t + c` is corner `c` of triangle `t`.
 #[derive(Clone, Debug, Default)]
@@ -11,6 +11,9 @@ pub struct Mesh {
     pub positions: Vec<Vec3>,
     /// Vertex indices, `[triangle][corner]`.
     pub triangles: Vec<[u32; 3]>,
+    /// Positions of all vertices at each key of its motion, key after key, in the middle the same as `positions`; empty if
+    /// it keeps its shape.
+    pub motion: Vec<Vec3>,
     /// Shading normals, one a corner, unit length; empty if every face is flat.
     pub corner_normals: Vec<Vec3>,
     /// UV maps, the active render one first.
@@ -75,6 +78,9 @@ pub struct Instance {
     pub geometry: Geometry,
     /// Object transform, may mirror and scale.
     pub world_from_object: Affine3A,
+    /// Its transform at each key of its motion, in the middle that of `world_from_object`; empty if it stands still.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<Pose>,
     /// Material of each slot: indices into [`crate::Scene::materials`]; a missing slot uses the last one.
     pub materials: Vec<usize>,
     /// Number that the dump keeps with each segment for light linking, below [`Instance::RECEIVER_LIMIT`].
@@ -167,6 +173,7 @@ impl Instance {
             name: name.into(),
             geometry: geometry.into(),
             world_from_object,
+            motion: Vec::new(),
             materials,
             receiver: 0,
             color: [1.0; 4],

@@ -1,6 +1,9 @@
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
-use crate::{ColorAttribute, UvMap};
+use crate::{
+    ColorAttribute, UvMap,
+    motion::{is_sphere, shape_fault},
+};
 
 /// Spheres in object space.
 #[derive(Clone, Debug, Default)]
@@ -11,6 +14,9 @@ pub struct Points {
     pub positions: Vec<Vec3>,
     /// Radius of each sphere, metres.
     pub radii: Vec<f32>,
+    /// Position and radius of all points at each key of their motion, one after the other, in the middle the same as above;
+    /// empty if they stand still.
+    pub motion: Vec<Vec4>,
     /// UV maps, the active render one first: one coordinate a point.
     pub uv_maps: Vec<UvMap>,
     /// Attributes with a value a point, scene-linear RGBA.
@@ -34,7 +40,7 @@ impl Points {
         {
             Some("its arrays differ in length".to_owned())
         } else {
-            None
+            shape_fault(&self.motion, count, is_sphere).map(str::to_owned)
         }
     }
 }

@@ -1,6 +1,9 @@
 use std::fmt;
 
-use crate::{Grid, Input, Instance, Material, Mesh, Node, Projection, Scene, Texels, Texture, World};
+use crate::motion::{keys_fault, shape_fault};
+use crate::{
+    Grid, Input, Instance, Material, Mesh, Node, Projection, Scene, Shutter, Texels, Texture, World,
+};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -113,8 +116,14 @@ impl Scene {
             Some("its panorama shows nothing; check its angle of view, lens and sensor".to_owned())
         } else if !lens_is_sound {
             Some("its depth of field has no positive focus distance or aperture".to_owned())
+        } else if camera
+            .zoom
+            .is_some_and(|zoom| !zoom.iter().all(|factor| *factor > 0.0 && factor.is_finite()))
+        {
+            Some("its zoom is not above zero; check its focal length about the frame".to_owned())
         } else {
-            None
+            let fault = self.camera.shutter.as_ref().and_then(Shutter::fault);
+            fault.or_else(|| keys_fault(camera.motion.len())).map(str::to_owned)
         }
     }
 
@@ -132,7 +141,7 @@ impl Scene {
         } else if !(instance.density_factor >= 0.0 && instance.density_factor.is_finite()) {
             Some("the factor on its volume's density is negative or not finite; correct its scale".to_owned())
         } else {
-            None
+            keys_fault(instance.motion.len()).map(str::to_owned)
         }
     }
 
@@ -224,7 +233,7 @@ fn mesh_fault(mesh: &Mesh, scene: &Scene) -> Option<String> {
     {
         Some("its arrays differ in length; validate the mesh".to_owned())
     } else {
-        None
+        shape_fault(&mesh.motion, vertices, |position| position.is_finite()).map(str::to_owned)
     }
 }
 
@@ -243,6 +252,7 @@ mod tests {
     use glam::{Affine3A, Vec3};
 
     use super::*;
+    use crate::Pose;
 
     fn scene() -> Scene {
         Scene {
@@ -290,6 +300,10 @@ mod tests {
         assert!(
             reason(|scene| scene.instances[0].grids = Some(0)).contains("'Floor': its grids do not exist")
         );
+        assert!(reason(|scene| scene.meshes[0].motion = vec![Vec3::ZERO; 4]).contains("Plane"));
+        let moved = || Pose::keys(&[Affine3A::IDENTITY, Affine3A::from_translation(Vec3::X)]);
+        assert!(reason(|scene| scene.instances[0].motion = moved()).contains("Floor"));
+        assert!(reason(|scene| scene.camera.zoom = Some([0.0, 1.0])).contains("zoom"));
         assert!(reason(|scene| scene.world.texture = Some(0)).contains("world"));
         assert!(reason(|scene| scene.world.volume = Some(0)).contains("volume"));
         let hollow = || Material { volume: Some(0), ..Material::default() };

@@ -4,9 +4,12 @@
 use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
-use relume_scene::{Camera, DepthOfField, Panorama, Projection};
+use relume_scene::{Camera, DepthOfField, Panorama, Pose, Projection, STILL, blend};
 
-use crate::filter::{FilterTable, PixelFilter};
+use crate::{
+    filter::{FilterTable, PixelFilter},
+    shutter::ShutterTable,
+};
 
 /// The start of a path.
 #[derive(Clone, Copy, Debug)]
@@ -30,29 +33,43 @@ pub struct CameraRay {
 pub struct CameraSampler {
     camera: Camera,
     filter: FilterTable,
+    shutter: Option<ShutterTable>,
 }
 
 impl CameraSampler {
     /// Takes the camera of a scene and the pixel filter.
     pub fn new(camera: &Camera, filter: PixelFilter) -> Self {
-        Self { camera: camera.clone(), filter: FilterTable::new(filter) }
+        let shutter = camera.shutter.as_ref().map(ShutterTable::new);
+        Self { camera: camera.clone(), filter: FilterTable::new(filter), shutter }
     }
 
     /// True if all rays start at the camera's position (apart from the near clipping plane).
     pub fn is_pinhole(&self) -> bool {
-        self.camera.projection != Projection::Orthographic && self.lens().is_none()
+        self.camera.projection != Projection::Orthographic
+            && self.lens().is_none()
+            && self.camera.motion.is_empty()
     }
 
-    /// The ray of pixel `x`, `y` (from the top left) for two numbers for the film and two for the lens; none where a lens shows
-    /// nothing.
-    pub fn ray(&self, x: usize, y: usize, u: [f32; 4]) -> Option<CameraRay> {
+    /// Time of a path of row `y` (from the top), for a number that is asked for where anything moves.
+    pub fn time(&self, y: usize, u: impl FnOnce() -> f32) -> f32 {
+        self.shutter.as_ref().map_or(STILL, |shutter| shutter.time(y, self.camera.height, u()))
+    }
+
+    /// The ray of pixel `x`, `y` (from the top left) at a time, for two numbers for the film and two for the lens; none
+    /// where a lens shows nothing.
+    pub fn ray(&self, x: usize, y: usize, time: f32, u: [f32; 4]) -> Option<CameraRay> {
         let camera = &self.camera;
         let size = Vec2::new(camera.width as f32, camera.height as f32);
         let raster = Vec2::new(x as f32, y as f32)
             + 0.5
             + Vec2::new(self.filter.sample(u[0]), self.filter.sample(u[1]));
         let film = Vec2::new(raster.x, size.y - raster.y) / size;
-        let window = camera.window_min + (camera.window_max - camera.window_min) * film;
+        let mut window = camera.window_min + (camera.window_max - camera.window_min) * film;
+        if let Some([open, close]) = camera.zoom {
+            // As Cycles interpolates it: places on the film, not the angle of view.
+            window *=
+                if time < STILL { blend(open, 1.0, 2.0 * time) } else { blend(1.0, close, 2.0 * time - 1.0) };
+        }
         let pixel = (camera.window_max - camera.window_min).abs() / size;
         let lens = self.lens().map_or(Vec2::ZERO, |lens| sample_lens(lens, Vec2::new(u[2], u[3])));
         let focus = camera.depth_of_field.map_or(1.0, |lens| lens.focus_distance);
@@ -96,7 +113,10 @@ impl CameraSampler {
                 footprint = start * spread;
             }
         }
-        let world = camera.world_from_camera;
+        let world = match &camera.motion[..] {
+            [] => camera.world_from_camera,
+            poses => Pose::at(poses, time),
+        };
         Some(CameraRay {
             origin: world.transform_point3(origin),
             direction: world.transform_vector3(direction).normalize_or(Vec3::NEG_Z),
@@ -163,7 +183,7 @@ mod tests {
     #[test]
     fn perspective_rays_go_through_pixel_centres_top_row_up() {
         let sampler = CameraSampler::new(&camera(), PixelFilter::Box);
-        let ray = sampler.ray(0, 0, CENTER).unwrap();
+        let ray = sampler.ray(0, 0, STILL, CENTER).unwrap();
         let expected = Vec3::new(-0.75, 0.25, -1.0);
         assert!((ray.direction - expected.normalize()).length() < 1e-6, "{ray:?}");
         assert!((ray.origin - expected * 0.1).length() < 1e-6, "starts on the near plane: {ray:?}");
@@ -173,9 +193,22 @@ mod tests {
     }
 
     #[test]
+    fn cameras_pan_and_zoom_within_the_interval() {
+        let turned = [-0.4, 0.0, 0.4].map(Affine3A::from_rotation_y);
+        let moving = Camera { motion: Pose::keys(&turned), zoom: Some([3.0, 0.5]), ..camera() };
+        let sampler = CameraSampler::new(&moving, PixelFilter::Box);
+        for (time, angle, factor) in [(0.0, -0.4, 3.0), (0.25, -0.2, 2.0), (0.5, 0.0, 1.0), (1.0, 0.4, 0.5)] {
+            let film = Vec3::new(-0.75 * factor, 0.25 * factor, -1.0).normalize();
+            let expected = Quat::from_rotation_y(angle) * film;
+            let found = sampler.ray(0, 0, time, CENTER).unwrap().direction;
+            assert!((found - expected).length() < 1e-5, "{time}: {found} {expected}");
+        }
+    }
+
+    #[test]
     fn footprint_is_the_size_of_a_pixel() {
         let sampler = CameraSampler::new(&camera(), PixelFilter::Box);
-        let [a, b] = [1, 2].map(|x| sampler.ray(x, 1, CENTER).unwrap());
+        let [a, b] = [1, 2].map(|x| sampler.ray(x, 1, STILL, CENTER).unwrap());
         let distance = 10.0 / -a.direction.z;
         let at = |ray: CameraRay| ray.origin + ray.direction * (10.0 / -ray.direction.z - ray.start);
         let footprint = a.footprint + a.spread * (distance - a.start);
@@ -189,7 +222,7 @@ mod tests {
         ortho.world_from_camera =
             Affine3A::from_rotation_translation(Quat::from_rotation_x(PI / 2.0), Vec3::new(0.0, 0.0, 5.0));
         let sampler = CameraSampler::new(&ortho, PixelFilter::Box);
-        let [a, b] = [sampler.ray(1, 0, CENTER).unwrap(), sampler.ray(2, 0, CENTER).unwrap()];
+        let [a, b] = [sampler.ray(1, 0, STILL, CENTER).unwrap(), sampler.ray(2, 0, STILL, CENTER).unwrap()];
         assert!((a.direction - Vec3::Y).length() < 1e-6 && (b.direction - Vec3::Y).length() < 1e-6);
         assert!((b.origin - a.origin - Vec3::X * 0.5).length() < 1e-5);
         assert!((a.origin.y - 0.1).abs() < 1e-6 && (a.length - 99.9).abs() < 1e-3);
@@ -209,7 +242,7 @@ mod tests {
             let with_lens = Camera { projection, depth_of_field: Some(lens), ..camera() };
             let sampler = CameraSampler::new(&with_lens, PixelFilter::Box);
             let at_focus = |u: [f32; 4]| {
-                let ray = sampler.ray(3, 1, u).unwrap();
+                let ray = sampler.ray(3, 1, STILL, u).unwrap();
                 ray.origin + ray.direction * ((-3.0 - ray.origin.z) / ray.direction.z)
             };
             let middle = at_focus([0.5, 0.5, 0.0, 0.0]);
@@ -231,10 +264,10 @@ mod tests {
             ..camera()
         };
         let sampler = CameraSampler::new(&panoramic(None), PixelFilter::Box);
-        let ray = sampler.ray(3, 1, CENTER).unwrap();
+        let ray = sampler.ray(3, 1, STILL, CENTER).unwrap();
         assert!((ray.origin - ray.direction * 0.1).length() < 1e-6 && (ray.length - 99.9).abs() < 1e-3);
         assert!(sampler.is_pinhole());
-        assert!(sampler.ray(0, 0, [0.0, 0.0, 0.5, 0.5]).is_none(), "a corner shows nothing");
+        assert!(sampler.ray(0, 0, STILL, [0.0, 0.0, 0.5, 0.5]).is_none(), "a corner shows nothing");
         let lens = DepthOfField {
             aperture_radius: 0.2,
             focus_distance: 3.0,
@@ -245,7 +278,7 @@ mod tests {
         let sampler = CameraSampler::new(&panoramic(Some(lens)), PixelFilter::Box);
         assert!(!sampler.is_pinhole());
         for lens in [[0.9, 0.1], [0.3, 0.6], [0.999, 0.5]] {
-            let on_lens = sampler.ray(3, 1, [0.5, 0.5, lens[0], lens[1]]).unwrap();
+            let on_lens = sampler.ray(3, 1, STILL, [0.5, 0.5, lens[0], lens[1]]).unwrap();
             let beside = ray.direction * 3.0 - on_lens.origin;
             assert!(beside.cross(on_lens.direction).length() < 1e-5, "{lens:?}");
         }

@@ -54,6 +54,14 @@ impl Discrete1D {
         index
     }
 
+    /// Place in 0..1, divided evenly among the indices, with a density that is the same within the part of each.
+    pub fn sample_evenly(&self, u: f32) -> f32 {
+        let index = self.sample(u);
+        let probability = self.probability(index).max(f32::MIN_POSITIVE);
+        let within = 1.0 - (self.cumulative[index] - u) / probability;
+        (index as f32 + within.clamp(0.0, 1.0)) / self.cumulative.len() as f32
+    }
+
     /// Probability of an index.
     pub fn probability(&self, index: usize) -> f32 {
         let before = if index == 0 { 0.0 } else { self.cumulative[index - 1] };

@@ -28,6 +28,9 @@ pub fn displace(scene: &mut Scene) {
         });
         if let Some((positions, corner_normals)) = shape {
             let mesh = &mut scene.meshes[number];
+            let offsets: Vec<Vec3> =
+                positions.iter().zip(&mesh.positions).map(|(to, from)| to - from).collect();
+            mesh.motion.iter_mut().zip(offsets.iter().cycle()).for_each(|(key, offset)| *key += offset);
             let positions = std::mem::replace(&mut mesh.positions, positions);
             let corner_normals = std::mem::replace(&mut mesh.corner_normals, corner_normals);
             mesh.undisplaced = Some(Undisplaced { positions, corner_normals });
@@ -158,7 +161,11 @@ impl Moves {
 }
 
 /// Normalised sums of the unit normals of triangles that count; nothing at vertices of no such triangle.
-fn vertex_normals(mesh: &Mesh, positions: &[Vec3], counts: impl Fn(usize) -> bool) -> Vec<Option<Vec3>> {
+pub(crate) fn vertex_normals(
+    mesh: &Mesh,
+    positions: &[Vec3],
+    counts: impl Fn(usize) -> bool,
+) -> Vec<Option<Vec3>> {
     let mut normals = vec![None; positions.len()];
     for (_, triangle) in mesh.triangles.iter().enumerate().filter(|(number, _)| counts(*number)) {
         let normal = face_normal(*triangle, positions);
@@ -171,7 +178,7 @@ fn vertex_normals(mesh: &Mesh, positions: &[Vec3], counts: impl Fn(usize) -> boo
 }
 
 /// Unit normal of a triangle, Cycles' x axis where it has no area.
-fn face_normal(triangle: [u32; 3], positions: &[Vec3]) -> Vec3 {
+pub(crate) fn face_normal(triangle: [u32; 3], positions: &[Vec3]) -> Vec3 {
     let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);
     (b - a).cross(c - a).normalize_or(Vec3::X)
 }

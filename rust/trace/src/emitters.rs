@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use glam::Vec3;
-use relume_scene::{HairModel, Input, Instance, Material, Node, Scene};
+use relume_scene::{HairModel, Input, Instance, Material, Mesh, Node, STILL, Scene};
 
 use crate::{
     bsdf::Surface,
@@ -27,10 +27,10 @@ pub(crate) struct Emitters {
 struct Emitter {
     instance: u32,
     triangle: u32,
-    /// World space.
-    corner: Vec3,
-    edge_1: Vec3,
-    edge_2: Vec3,
+    /// In the middle of the shutter's interval.
+    place: Place,
+    /// True if it moves.
+    moves: bool,
     /// Largest channel of the radiance that was found on it, of the brighter side.
     brightness: f32,
 }
@@ -49,9 +49,35 @@ pub(crate) struct EmitterSample {
     pub brightness: f32,
 }
 
-impl Emitter {
+/// A triangle in world space.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    corner: Vec3,
+    edge_1: Vec3,
+    edge_2: Vec3,
+}
+
+impl Place {
+    /// Place of a triangle of an instance at a time.
+    fn at(instance: &Instance, mesh: &Mesh, triangle: usize, time: f32) -> Self {
+        let world_from_object = instance.world_from_object_at(time);
+        let [a, b, c] =
+            mesh.corners_at(triangle, time).map(|corner| world_from_object.transform_point3(corner));
+        Self { corner: a, edge_1: b - a, edge_2: c - a }
+    }
+
     fn cross(&self) -> Vec3 {
         self.edge_1.cross(self.edge_2)
+    }
+}
+
+impl Emitter {
+    fn place_at(&self, scene: &Scene, time: f32) -> Place {
+        let instance = &scene.instances[self.instance as usize];
+        match scene.mesh(instance.geometry).filter(|_| self.moves) {
+            Some(mesh) => Place::at(instance, mesh, self.triangle as usize, time),
+            None => self.place,
+        }
     }
 }
 
@@ -67,21 +93,18 @@ impl Emitters {
                 continue;
             }
             let Some(mesh) = scene.mesh(instance.geometry) else { continue };
-            for (number, triangle) in mesh.triangles.iter().enumerate() {
+            let moves = !instance.motion.is_empty() || !mesh.motion.is_empty();
+            for number in 0..mesh.triangles.len() {
                 let material = instance.material_of(scene, number);
                 let points = material.map_or(0, |material| points_by_material[material]);
                 if points == 0 {
                     continue;
                 }
-                let [a, b, c] = triangle.map(|vertex| {
-                    instance.world_from_object.transform_point3(mesh.positions[vertex as usize])
-                });
                 let mut emitter = Emitter {
                     instance: index as u32,
                     triangle: number as u32,
-                    corner: a,
-                    edge_1: b - a,
-                    edge_2: c - a,
+                    place: Place::at(instance, mesh, number, STILL),
+                    moves,
                     brightness: 0.0,
                 };
                 let asks_light_path =
@@ -102,13 +125,14 @@ impl Emitters {
         Some(Self { triangles, choice, by_triangle })
     }
 
-    /// A point on a triangle, uniform over its area.
-    pub fn sample(&self, u: [f32; 3]) -> EmitterSample {
+    /// A point on a triangle at a time, uniform over its area.
+    pub fn sample(&self, u: [f32; 3], scene: &Scene, time: f32) -> EmitterSample {
         let index = self.choice.sample(u[0]);
         let emitter = &self.triangles[index];
+        let place = emitter.place_at(scene, time);
         let root = u[1].sqrt();
-        let position = emitter.corner + emitter.edge_1 * (1.0 - root) + emitter.edge_2 * (u[2] * root);
-        let cross = emitter.cross();
+        let position = place.corner + place.edge_1 * (1.0 - root) + place.edge_2 * (u[2] * root);
+        let cross = place.cross();
         EmitterSample {
             instance: emitter.instance,
             triangle: emitter.triangle,
@@ -119,10 +143,11 @@ impl Emitters {
         }
     }
 
-    /// Density over area with which [`Emitters::sample`] gives points of a triangle; 0 for others.
-    pub fn area_density(&self, instance: u32, triangle: u32) -> f32 {
-        self.by_triangle.get(&(instance, triangle)).map_or(0.0, |&index| {
-            self.choice.probability(index as usize) * 2.0 / self.triangles[index as usize].cross().length()
+    /// Density over area with which [`Emitters::sample`] gives points of the triangle that a point is on; 0 if it gives none.
+    pub fn area_density(&self, scene: &Scene, point: &SurfacePoint) -> f32 {
+        self.by_triangle.get(&(point.instance, point.primitive)).map_or(0.0, |&index| {
+            let place = self.triangles[index as usize].place_at(scene, point.time);
+            self.choice.probability(index as usize) * 2.0 / place.cross().length()
         })
     }
 }
@@ -138,7 +163,7 @@ impl Emitter {
         rays: &[RayInfo],
         surface: &mut Surface,
     ) -> f32 {
-        let cross = self.cross();
+        let cross = self.place.cross();
         let area = 0.5 * cross.length();
         if !(area > 0.0 && area.is_finite()) {
             return 0.0;
@@ -146,7 +171,8 @@ impl Emitter {
         let normal = cross / (2.0 * area);
         let mut sum = 0.0;
         for barycentrics in spread_points(points) {
-            let position = self.corner + self.edge_1 * barycentrics[0] + self.edge_2 * barycentrics[1];
+            let Place { corner, edge_1, edge_2 } = self.place;
+            let position = corner + edge_1 * barycentrics[0] + edge_2 * barycentrics[1];
             for wo in [normal, -normal] {
                 let hit = Hit::on(scene, [self.instance, self.triangle], barycentrics, 1.0);
                 let met = materials.surface_point(scene, &hit, position + wo, -wo, 0.0);

@@ -82,6 +82,8 @@ pub(crate) struct Integrator<'a> {
 
 /// Groups of the sampler: the camera takes the first, each vertex of a path two.
 const CAMERA_GROUP: u32 = 0;
+/// Numbers of the time, where anything moves.
+const TIME_GROUP: u32 = 1 << 27;
 const GROUPS_PER_VERTEX: u32 = 2;
 /// Added to a vertex's first group: numbers of the guide, of the way there through media, of light's way from there, and of
 /// the pieces of a shadow path.
@@ -117,7 +119,8 @@ impl Integrator<'_> {
         scratch: &mut PathScratch,
         sink: &mut impl PathSink,
     ) {
-        let Some(camera) = self.camera.ray(x, y, sampler.draw(sample, CAMERA_GROUP)) else {
+        let time = self.camera.time(y, || sampler.draw(sample, TIME_GROUP)[0]);
+        let Some(camera) = self.camera.ray(x, y, time, sampler.draw(sample, CAMERA_GROUP)) else {
             let position = self.scene.camera.world_from_camera.translation.into();
             sink.begin_path((!self.camera.is_pinhole()).then_some(position));
             sink.end_path(AovSample { alpha: 1.0, ..AovSample::default() });
@@ -128,14 +131,14 @@ impl Integrator<'_> {
             Features { sample: AovSample { alpha: 1.0, ..AovSample::default() }, tint: Some(Vec3::ONE) };
         let mut walk = Walk {
             path: PathState::new(camera.origin),
-            ray: Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction) },
+            ray: Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction).at(time) },
             footprint: camera.footprint,
             spread: camera.spread,
             last: None,
             route: self
                 .media
                 .as_ref()
-                .map(|media| Route::new(self.stack_at(media, camera.origin), camera.origin)),
+                .map(|media| Route::new(self.stack_at(media, camera.origin, time), camera.origin)),
             blockers: None,
         };
         for vertex_number in 0.. {
@@ -304,7 +307,8 @@ impl Integrator<'_> {
     ) {
         let emission = surface.emission();
         if emission != Vec3::ZERO {
-            let weight = self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, point));
+            let weight =
+                self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, self.scene, point));
             features.sample.emission += path.throughput * emission * weight;
         }
     }
@@ -419,7 +423,7 @@ impl Integrator<'_> {
         let Some(lights) = &self.lights else { return };
         let media = match (&self.media, route) {
             (Some(media), Some(route)) => Some(ShadowMedia {
-                space: self.space(media),
+                space: self.space(media, vertex.time()),
                 stack: route.stack,
                 crossing: HullCrossing::default(),
                 numbers: TrackingNumbers::new(draws.at(SHADOW_GROUP)),

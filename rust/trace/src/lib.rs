@@ -23,6 +23,7 @@ mod render;
 pub mod sampler;
 pub mod settings;
 pub mod shading;
+mod shutter;
 mod static_light;
 mod strand;
 mod subsurface;

@@ -78,14 +78,13 @@ impl StaticLights {
     }
 
     /// Weight of emission that the path met on a triangle.
-    pub fn emission_weight(&self, last: Option<LastBounce>, point: &SurfacePoint) -> f32 {
+    pub fn emission_weight(&self, last: Option<LastBounce>, scene: &Scene, point: &SurfacePoint) -> f32 {
         let (Some(last), Some(emitters)) = (last, &self.emitters) else { return 1.0 };
         let towards = point.position - last.position;
         let cos = point.geometric_normal.dot(point.wo).abs();
-        let density = emitters.area_density(point.instance, point.primitive)
-            * (1.0 - self.environment_share())
-            * towards.length_squared()
-            / cos.max(f32::MIN_POSITIVE);
+        let density =
+            emitters.area_density(scene, point) * (1.0 - self.environment_share()) * towards.length_squared()
+                / cos.max(f32::MIN_POSITIVE);
         power_heuristic(last.pdf, density)
     }
 
@@ -120,7 +119,7 @@ impl StaticLights {
             let through = self.transmittance(tracer, vertex, direction, None, scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
-        let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]]);
+        let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]], tracer.scene, vertex.time());
         let towards = target.position - vertex.position();
         let distance_squared = towards.length_squared();
         let direction = towards.try_normalize()?;

@@ -23,6 +23,8 @@ pub(crate) enum Vertex<'a> {
         position: Vec3,
         /// Unit direction in which the path arrived.
         direction: Vec3,
+        /// See [`Ray::time`].
+        time: f32,
         /// The media there.
         medium: &'a MediumSample,
     },
@@ -34,6 +36,14 @@ impl Vertex<'_> {
         match self {
             Self::Surface { point, .. } => point.position,
             Self::Medium { position, .. } => *position,
+        }
+    }
+
+    /// See [`Ray::time`].
+    pub fn time(&self) -> f32 {
+        match self {
+            Self::Surface { point, .. } => point.time,
+            Self::Medium { time, .. } => *time,
         }
     }
 
@@ -76,7 +86,7 @@ impl Vertex<'_> {
 
     /// A ray that leaves it.
     pub fn ray(&self, direction: Vec3) -> Ray {
-        let mut ray = Ray::new(self.position(), direction);
+        let mut ray = Ray::new(self.position(), direction).at(self.time());
         if let Self::Surface { point, .. } = self {
             offset_origin(&mut ray, point);
         }

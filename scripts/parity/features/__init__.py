@@ -3,7 +3,7 @@
 Each builder fills an empty scene that `stage.set_up` has made: a floor, a wall and a camera that looks at the origin.
 """
 
-from . import displacement, film, hair, images, lamps, media, rays, skin, surfaces
+from . import displacement, film, hair, images, lamps, media, motion, rays, skin, surfaces
 
 SCENES = {
     **media.SCENES,
@@ -13,6 +13,7 @@ SCENES = {
     **displacement.SCENES,
     **images.SCENES,
     **lamps.SCENES,
+    **motion.SCENES,
     **film.SCENES,
     **surfaces.SCENES,
 }

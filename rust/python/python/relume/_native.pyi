@@ -37,13 +37,16 @@ class SceneBuilder:
         displacement_normals: NDArray[np.float32] | None = None,
         turns_corner_normals: bool = False,
         shown_by: str | None = None,
+        motion: NDArray[np.float32] | None = None,
     ) -> int:
         """A polygon mesh in object space: positions [V, 3], vertex of each corner [C], first corner of each face
         [F], normals [V, 3] or [C, 3] (flat without), UV maps [C, 2] and linear colours [C, 4] with
         the render one first, slots [F]. The texture space is the centre and half size of the box of generated
         coordinates, that of the positions without. Normals of displacement [V, 3] are given where a material
         displaces the mesh: those of corners are replaced, or turned as far as the vertices' turn. What is not
-        finite is left out or replaced, and named in a warning by the object that shows the mesh, if one is told."""
+        finite is left out or replaced, and named in a warning by the object that shows the mesh, if one is told.
+        Motion [M, V, 3] holds the positions at keys that are equally spaced over the shutter's interval: three, five,
+        or another number one above a power of two."""
 
     def add_curves(
         self,
@@ -60,11 +63,12 @@ class SceneBuilder:
         curve_attributes: dict[str, NDArray[np.float32]] | None = None,
         generated: NDArray[np.float32] | None = None,
         normals: NDArray[np.float32] | None = None,
+        motion: NDArray[np.float32] | None = None,
     ) -> int:
         """Hair curves in object space: keys [K, 3] and radii [K] in metres, first key of each curve and the number of
         keys [C + 1]; shape `ribbon` (of `2 ** subdivisions` pieces a span), `round` or `linear`; UV maps [C, 2] and
         linear colours [K, 4] or [C, 4] by name, generated coordinates [C, 3], normals [K, 3]. Random
-        numbers of curves go on from `first_number`."""
+        numbers of curves go on from `first_number`. Motion [M, K, 4] holds keys and radii as for meshes."""
 
     def add_points(
         self,
@@ -74,8 +78,10 @@ class SceneBuilder:
         *,
         uv_maps: dict[str, NDArray[np.float32]] | None = None,
         attributes: dict[str, NDArray[np.float32]] | None = None,
+        motion: NDArray[np.float32] | None = None,
     ) -> int:
-        """Spheres in object space: centres [N, 3] and radii [N] in metres, UV maps [N, 2] and linear colours [N, 4]."""
+        """Spheres in object space: centres [N, 3] and radii [N] in metres, UV maps [N, 2] and linear colours [N, 4].
+        Motion [M, N, 4] holds centres and radii as for meshes."""
 
     def add_instance(
         self,
@@ -98,10 +104,12 @@ class SceneBuilder:
         density_factor: float = 1.0,
         grids: int | None = None,
         attributes: Sequence[tuple[str, Sequence[float]]] = (),
+        motion: Sequence[Matrix4] = (),
     ) -> None:
         """Places a mesh, or what `kind` says: `curves` or `points`; matrices are rows, one material a slot,
         visibility to camera, diffuse, glossy and transmission rays. The density of a medium inside is multiplied by a
-        factor; `grids` are those of a volume; `attributes` are four numbers each, where the geometry has none."""
+        factor; `grids` are those of a volume; `attributes` are four numbers each, where the geometry has none. Motion
+        holds the matrix at keys, as for meshes."""
 
     def add_grid_file(
         self,

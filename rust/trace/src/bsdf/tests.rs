@@ -41,6 +41,7 @@ pub(super) fn facing(wo: Vec3) -> Surface {
         ray_length: 1.0,
         footprint: 1e-3,
         strand: None,
+        time: relume_scene::STILL,
         ray: RayInfo::default(),
     };
     let mut surface = Surface::default();

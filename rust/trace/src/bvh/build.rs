@@ -1,5 +1,7 @@
 //! Builds the trees of a scene: obvhs makes a binary tree, [`super::collapse`] makes it wide.
 
+mod motion;
+
 use std::collections::HashMap;
 
 use glam::{Affine3A, Vec3, Vec3A};
@@ -50,7 +52,7 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     for (index, instance) in scene.instances.iter().enumerate() {
         first_ids.push(instance_of.len() as u32);
         match instance.geometry {
-            Geometry::Mesh(mesh) if in_world(mesh) => {
+            Geometry::Mesh(mesh) if in_world(mesh) && !motion::moves(scene, instance) => {
                 let mesh = &scene.meshes[mesh];
                 world.add_mesh(mesh, instance.world_from_object, instance_of.len() as u32);
                 instance_of.resize(instance_of.len() + mesh.triangles.len(), index as u32);
@@ -59,17 +61,22 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
                 }
             }
             geometry => {
-                let known = roots.get(&geometry).copied();
-                let root = known.map_or_else(|| OwnTree::build(scene, geometry, &mut tree), Ok)?;
-                roots.insert(geometry, root);
-                if let Some(root) = root {
-                    world.add_placement(instance, index, &root, &mut tree);
+                if !roots.contains_key(&geometry) {
+                    roots.insert(geometry, own_trees(scene, geometry, &mut tree)?);
+                }
+                let own: &[Option<OwnTree>] = &roots[&geometry];
+                if let [Some(own)] = own
+                    && instance.motion.is_empty()
+                {
+                    world.add_placement(instance, index, own, &mut tree);
+                } else {
+                    world.add_moving(instance, index, own, &mut tree);
                 }
             }
         }
     }
     let root = world.build(&mut tree);
-    let depth_below = roots.values().flatten().map(|root| root.depth).max().unwrap_or(0);
+    let depth_below = roots.values().flatten().flatten().map(|root| root.depth).max().unwrap_or(0);
     Ok(Tree {
         nodes: Storage::new(tree.nodes),
         blocks: Storage::new(tree.blocks),
@@ -88,6 +95,22 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
 fn is_small(mesh: &Mesh) -> bool {
     mesh.triangles.len() < SHARED_MESH_TRIANGLES
 }
+
+/// The trees of a geometry: one, or one for each interval between the keys of its shape. Nothing if rays cannot meet it.
+fn own_trees(
+    scene: &Scene,
+    geometry: Geometry,
+    tree: &mut Growing,
+) -> Result<Vec<Option<OwnTree>>, BvhError> {
+    let keys = scene.shape_keys(geometry);
+    if keys == 0 {
+        return Ok(vec![OwnTree::build(scene, geometry, tree)?]);
+    }
+    (0..keys - 1).map(|key| motion::own_tree(scene, geometry, key, tree)).collect()
+}
+
+/// Box of a geometry, root and depth of its tree, and its kind.
+type Built = (Aabb, Option<(Child, usize)>, PlacedKind);
 
 /// Tree of a geometry that is placed.
 #[derive(Clone, Copy)]
@@ -109,12 +132,8 @@ impl OwnTree {
                 (list.bounds(), list.build(tree), PlacedKind::Mesh)
             }
             Geometry::Curves(curves) => {
-                let list = StrandList::new(&scene.curves[curves])?;
-                let number = tree.strand_sets.len() as u32;
-                let bounds = union(list.pieces.iter().map(piece_box));
-                let built = build_boxes(&list, list.pieces.iter().map(piece_box).collect(), tree);
-                tree.strand_sets.push(list.set);
-                (bounds, built, PlacedKind::Strands(number))
+                let list = StrandList::new(&scene.curves[curves], StrandSet::new)?;
+                list.build(tree)
             }
             Geometry::Points(points) => {
                 let list = SphereList::new(&scene.points[points]);
@@ -122,8 +141,18 @@ impl OwnTree {
                 (union(boxes.iter().copied()), build_boxes(&list, boxes, tree), PlacedKind::Points)
             }
         };
-        Ok(built.map(|(root, depth)| Self { root, kind, bounds, depth }))
+        Ok(Self::of((bounds, built, kind)))
     }
+
+    fn of((bounds, built, kind): Built) -> Option<Self> {
+        built.map(|(root, depth)| Self { root, kind, bounds, depth })
+    }
+}
+
+/// The transform of the ray rounds, so that a box has to be a little larger.
+fn widened(bounds: Aabb) -> Aabb {
+    let slack = bounds.min.abs().max(bounds.max.abs()) * (4.0 * f32::EPSILON);
+    Aabb { min: bounds.min - slack, max: bounds.max + slack }
 }
 
 fn union(boxes: impl Iterator<Item = Aabb>) -> Aabb {
@@ -170,11 +199,15 @@ impl PrimitiveList {
                 |axis: usize| if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] };
             world.extend(instance.world_from_object.transform_point3a(Vec3A::new(pick(0), pick(1), pick(2))));
         }
-        // The transform of the ray rounds, so that the box has to be a little larger.
-        let slack = world.min.abs().max(world.max.abs()) * (4.0 * f32::EPSILON);
-        let world = Aabb { min: world.min - slack, max: world.max + slack };
+        let world = widened(world);
         let OwnTree { root, kind, .. } = *placed;
-        tree.placements.push(Placement { object_from_world, root, kind, instance: index as u32 });
+        tree.placements.push(Placement {
+            object_from_world,
+            root,
+            kind,
+            instance: index as u32,
+            motion: None,
+        });
         self.placements.push((world, Child::placement(tree.placements.len() - 1)));
     }
 
@@ -255,13 +288,21 @@ struct StrandList {
 }
 
 impl StrandList {
-    fn new(curves: &Curves) -> Result<Self, BvhError> {
+    fn new(curves: &Curves, set: impl FnOnce(&Curves) -> StrandSet) -> Result<Self, BvhError> {
         if curves.keys.len() >= KEY_LIMIT {
             return Err(BvhError::TooManyKeys { limit: KEY_LIMIT });
         }
-        let set = StrandSet::new(curves);
+        let set = set(curves);
         let pieces = set.pieces();
         Ok(Self { set, pieces })
+    }
+
+    fn build(self, tree: &mut Growing) -> Built {
+        let number = tree.strand_sets.len() as u32;
+        let bounds = union(self.pieces.iter().map(piece_box));
+        let built = build_boxes(&self, self.pieces.iter().map(piece_box).collect(), tree);
+        tree.strand_sets.push(self.set);
+        (bounds, built, PlacedKind::Strands(number))
     }
 }
 

@@ -6,6 +6,8 @@
 
 mod build;
 mod collapse;
+#[cfg(test)]
+mod motion_tests;
 mod scalar;
 mod spheres;
 mod storage;
@@ -25,11 +27,11 @@ use std::{mem::MaybeUninit, sync::Arc};
 
 use glam::Vec3;
 use relume_dump::Lobe;
-use relume_scene::{Instance, Scene};
+use relume_scene::{Instance, STILL, Scene};
 
 use crate::shading::Hit;
 use traverse::{NearestHit, STACK, traverse};
-use tree::{Child, PlacedKind, Placement, Tree};
+use tree::{Child, PlacedKind, Tree};
 
 /// A tree that could not be built.
 #[derive(Debug, thiserror::Error)]
@@ -84,6 +86,8 @@ pub struct Ray {
     pub t_min: f32,
     /// Hits are nearer than this.
     pub t_max: f32,
+    /// Time within the shutter's interval, 0..1.
+    pub time: f32,
     /// Objects can be invisible to a kind of ray.
     pub kind: RayKind,
     /// Instance and primitive that it leaves, which it cannot meet again at once (as in Cycles).
@@ -93,7 +97,13 @@ pub struct Ray {
 impl Ray {
     /// An unlimited ray that meets what cameras see.
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
-        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY, kind: RayKind::Camera, from: None }
+        let (time, kind) = (STILL, RayKind::Camera);
+        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY, time, kind, from: None }
+    }
+
+    /// The ray at a time.
+    pub fn at(self, time: f32) -> Self {
+        Self { time, ..self }
     }
 }
 
@@ -107,7 +117,7 @@ pub struct SceneBvh {
     any_hidden: bool,
     /// Instances whose transform swaps left and right, so that their triangles turn around in the world.
     mirrored: Vec<bool>,
-    /// Number of the placement of each instance that stands in the tree by reference; [`NOT_PLACED`] for others.
+    /// Number of the first placement of each instance that stands in the tree by reference; [`NOT_PLACED`] for others.
     placements: Vec<u32>,
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "no other processor has it"))]
     use_avx2: bool,
@@ -126,7 +136,7 @@ impl SceneBvh {
             .collect();
         let tree = build::build(scene)?;
         let mut placements = vec![NOT_PLACED; scene.instances.len()];
-        for (number, placement) in tree.placements.iter().enumerate() {
+        for (number, placement) in tree.placements.iter().enumerate().rev() {
             placements[placement.instance as usize] = number as u32;
         }
         Ok(Self { tree: Arc::new(tree), visibility, any_hidden, mirrored, placements, use_avx2: has_avx2() })
@@ -145,15 +155,19 @@ impl SceneBvh {
     /// The nearest hit with one instance alone, on either side and whatever sees it. A material of its
     /// mesh has to ask for that ([`relume_scene::Material::meets_itself`]).
     pub fn intersect_within(&self, ray: &Ray, instance: u32) -> Option<Hit> {
-        let placement = self.placements[instance as usize];
+        let first = self.placements[instance as usize];
         // Nothing can be met of what is scaled to nothing.
-        if placement == NOT_PLACED {
+        if first == NOT_PLACED {
             return None;
         }
+        let pieces = self.tree.placements[first as usize..].iter();
+        let piece =
+            pieces.take_while(|piece| piece.instance == instance).position(|piece| piece.is_at(ray.time))?;
+        let placement = first as usize + piece;
         let from = ray.from.map_or(u32::MAX, |(_, triangle)| triangle);
         let accept = |_: u32, id: u32| id != from;
         self.with_stack(|stack| {
-            let root = Some(Child::placement(placement as usize));
+            let root = Some(Child::placement(placement));
             self.traverse::<false>(ray, root, stack, accept, |_| true, |_| u32::MAX)
         })
         .map(|found| self.hit(ray, &found))
@@ -225,40 +239,59 @@ impl SceneBvh {
 
     fn hit(&self, ray: &Ray, found: &NearestHit) -> Hit {
         if found.placement != u32::MAX
-            && let kind @ (PlacedKind::Strands(_) | PlacedKind::Points) =
+            && let kind @ (PlacedKind::Strands(_) | PlacedKind::Points | PlacedKind::MovingPoints) =
                 self.tree.placements[found.placement as usize].kind
         {
             return self.curved_hit(ray, found, kind);
         }
-        let cross = self.tree.blocks[found.block as usize].cross(found.lane as usize);
+        let lane = found.lane as usize;
         let (instance, primitive, front) = if found.placement == u32::MAX {
+            let cross = self.tree.blocks[found.block as usize].cross(lane);
             let instance = self.tree.instance_of[found.id as usize];
             let front = if self.mirrored[instance as usize] { -cross } else { cross };
             (instance, found.id - self.tree.first_ids[instance as usize], front)
         } else {
             let placement = &self.tree.placements[found.placement as usize];
-            let front = placement.object_from_world.matrix3.transpose() * cross;
+            let block = found.block as usize;
+            let cross = match placement.kind {
+                PlacedKind::MovingMesh => self.tree.moving_block(block, placement, ray.time).cross(lane),
+                _ => self.tree.blocks[block].cross(lane),
+            };
+            let front = placement.object_from_world_at(ray.time).matrix3.transpose() * cross;
             (placement.instance, found.id, front)
         };
         // Widened edges (`EDGE_SLACK`) let a hit lie slightly outside.
         let (u, v) = (found.u.clamp(0.0, 1.0), found.v.clamp(0.0, 1.0));
-        Hit { instance, primitive, barycentrics: [u.min(1.0 - v), v], distance: found.t, front }
+        Hit {
+            instance,
+            primitive,
+            barycentrics: [u.min(1.0 - v), v],
+            distance: found.t,
+            time: ray.time,
+            front,
+        }
     }
 
     /// A hit on a strand or a sphere.
     fn curved_hit(&self, ray: &Ray, found: &NearestHit, kind: PlacedKind) -> Hit {
-        let Placement { object_from_world, instance, .. } = self.tree.placements[found.placement as usize];
+        let placement = &self.tree.placements[found.placement as usize];
+        let (object_from_world, instance) = (placement.object_from_world_at(ray.time), placement.instance);
         let direction = object_from_world.transform_vector3(ray.direction);
         let position = object_from_world.transform_point3(ray.origin) + direction * found.t;
         let normal = match kind {
             PlacedKind::Strands(set) => {
-                self.tree.strand_sets[set as usize].normal(found.id, found.u, position, direction)
+                let along = [found.u, placement.share_at(ray.time)];
+                self.tree.strand_sets[set as usize].normal(found.id, along, position, direction)
+            }
+            PlacedKind::MovingPoints => {
+                let block = self.tree.moving_spheres(found.block as usize, placement, ray.time);
+                block.radius_vector(found.lane as usize, position)
             }
             _ => self.tree.sphere_blocks[found.block as usize].radius_vector(found.lane as usize, position),
         };
         let front = object_from_world.matrix3.transpose() * normal;
         let barycentrics = [found.u, found.v];
-        Hit { instance, primitive: found.id, barycentrics, distance: found.t, front }
+        Hit { instance, primitive: found.id, barycentrics, distance: found.t, time: ray.time, front }
     }
 }
 

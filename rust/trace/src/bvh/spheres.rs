@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use relume_scene::blend;
 
 use super::{
     traverse::LocalRay,
@@ -51,6 +52,18 @@ impl SphereBlock {
             }
         }
         BvhLanes(entries)
+    }
+
+    /// The block on its way to a later one of the same spheres. Radii of empty lanes stay negative.
+    pub fn on_way(&self, later: &Self, share: f32) -> Self {
+        let between = |a: &BvhLanes, b: &BvhLanes| {
+            BvhLanes(std::array::from_fn(|lane| blend(a.0[lane], b.0[lane], share)))
+        };
+        Self {
+            center: std::array::from_fn(|axis| between(&self.center[axis], &later.center[axis])),
+            radius: between(&self.radius, &later.radius),
+            ids: self.ids,
+        }
     }
 
     /// Vector from the centre of a sphere.

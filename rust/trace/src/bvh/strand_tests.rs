@@ -54,7 +54,7 @@ fn nearest_within(curves: &Curves, ray: &Ray, share: f32, is_flat: bool) -> f32 
     let keys = (0..curves.curve_count()).flat_map(|curve| curves.keys_of(curve).skip(1).map(|key| key - 1));
     let mut nearest = f32::INFINITY;
     for key in keys {
-        let span = Span::new(curves.span(key), curves.shape);
+        let span = Span::new(curves.span_at(key, 0.5), curves.shape);
         let passes = |step: i32| {
             let at = span.at(step as f32 / 100.0);
             let to_axis = at.truncate() - ray.origin;
@@ -95,7 +95,7 @@ fn compare(shape: StrandShape, is_flat: bool) {
             continue;
         };
         hits += 1;
-        let axis = Span::new(curves.span(hit.primitive as usize), shape).at(hit.barycentrics[0]);
+        let axis = Span::new(curves.span_at(hit.primitive as usize, 0.5), shape).at(hit.barycentrics[0]);
         let (position, radius) = (ray.origin + ray.direction * hit.distance, axis.w);
         let apart = position.distance(axis.truncate());
         let share = if is_flat { hit.barycentrics[1].abs() } else { 1.0 };

@@ -5,7 +5,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat3, Mat4, Vec2, Vec3, Vec4};
-use relume_scene::{Curves, StrandShape};
+use relume_scene::{Curves, StrandShape, blend};
 
 use super::{storage::Storage, traverse::LocalRay, tree::WIDTH, tube};
 use crate::strand::Span;
@@ -140,37 +140,51 @@ pub(super) struct StrandHit {
 pub(super) struct StrandSet {
     /// Position and radius of each key; the sign bit of the radius marks the first key of a curve.
     keys: Storage<[f32; 4]>,
+    /// The keys at the end of the time that the set is for; empty if they stand still.
+    later: Storage<[f32; 4]>,
     shape: StrandShape,
 }
 
 impl StrandSet {
     pub fn new(curves: &Curves) -> Self {
-        let mut keys: Vec<[f32; 4]> = curves
-            .keys
-            .iter()
-            .zip(&curves.radii)
-            .map(|(key, radius)| key.extend(radius.abs()).to_array())
-            .collect();
-        for &first in &curves.first_keys[..curves.curve_count()] {
-            keys[first as usize][3] *= -1.0;
-        }
-        Self { keys: Storage::new(keys), shape: curves.shape }
+        let keys = curves.keys.iter().zip(&curves.radii).map(|(key, radius)| key.extend(*radius));
+        Self { keys: marked(curves, keys), later: Storage::new(Vec::new()), shape: curves.shape }
+    }
+
+    /// Strands that move from one key of their motion to the next.
+    pub fn moving(curves: &Curves, key: usize) -> Self {
+        let [keys, later] = [key, key + 1].map(|key| {
+            let count = curves.keys.len();
+            marked(curves, curves.motion[key * count..(key + 1) * count].iter().copied())
+        });
+        Self { keys, later, shape: curves.shape }
     }
 
     /// Memory of the keys.
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.keys)
+        size_of_val(&*self.keys) + size_of_val(&*self.later)
     }
 
-    /// The span that starts at a key.
+    /// The span that starts at a key, so far on its way.
     #[inline]
-    pub fn span(&self, key: usize) -> Span {
-        let (here, next) = (self.keys[key], self.keys[key + 1]);
-        let before = if here[3].is_sign_negative() { here } else { self.keys[key - 1] };
-        let after = self.keys.get(key + 2).filter(|key| key[3].is_sign_positive()).unwrap_or(&next);
+    pub fn span(&self, key: usize, share: f32) -> Span {
+        if self.later.is_empty() {
+            self.span_of(key, |key| self.keys[key])
+        } else {
+            let at = |key: usize| blend(Vec4::from(self.keys[key]), self.later[key].into(), share).to_array();
+            self.span_of(key, at)
+        }
+    }
+
+    #[inline(always)]
+    fn span_of(&self, key: usize, at: impl Fn(usize) -> [f32; 4]) -> Span {
+        let (here, next) = (at(key), at(key + 1));
+        let before = if here[3].is_sign_negative() { here } else { at(key - 1) };
+        let goes_on = self.keys.get(key + 2).is_some_and(|key| key[3].is_sign_positive());
+        let after = if goes_on { at(key + 2) } else { next };
         let sound = |[x, y, z, radius]: [f32; 4]| Vec4::new(x, y, z, radius.abs());
         // Neither of the others is the first of its curve.
-        Span::new([sound(before), sound(here), next.into(), (*after).into()], self.shape)
+        Span::new([sound(before), sound(here), next.into(), after.into()], self.shape)
     }
 
     /// All pieces that a ray could meet.
@@ -181,12 +195,18 @@ impl StrandSet {
     }
 
     fn pieces_of(&self, key: usize) -> impl Iterator<Item = Piece> + use<> {
-        let span = self.span(key);
+        let spans = [0.0, 1.0].map(|share| self.span(key, share));
+        // Points of the hull move straight, and so go farthest from anything convex at their ends.
+        let poses = if self.later.is_empty() { 1 } else { 2 };
         let count = self.piece_count();
         (0..count).filter_map(move |number| {
             let [from, to] = [number, number + 1].map(|step| step as f32 / count as f32);
-            let hull = span.hull(from, to);
-            let [start, end] = [hull[0], hull[3]].map(Vec4::truncate);
+            let hulls = spans.map(|span| span.hull(from, to));
+            let hull = hulls[..poses].as_flattened();
+            let [start, end] = [0, 3].map(|point| match poses {
+                1 => hulls[0][point].truncate(),
+                _ => 0.5 * (hulls[0][point] + hulls[1][point]).truncate(),
+            });
             let axis = end - start;
             let reach = hull.iter().map(|point| {
                 let along =
@@ -196,10 +216,10 @@ impl StrandSet {
             // A little more, for roundings here and of the boxes.
             let reach = reach.fold(0.0, f32::max) * (1.0 + 1e-4);
             let width = hull.iter().fold(0.0, |width, point| point.w.max(width));
-            let points = hull.map(Vec4::truncate);
+            let points = hull.iter().map(|point| point.truncate());
             let margin =
-                width + points.iter().fold(0.0, |most, point| point.abs().max_element().max(most)) * SLACK;
-            let (min, max) = points.iter().fold((start, start), |(min, max), p| (min.min(*p), max.max(*p)));
+                width + points.clone().fold(0.0, |most, point| point.abs().max_element().max(most)) * SLACK;
+            let (min, max) = points.fold((start, start), |(min, max), p| (min.min(p), max.max(p)));
             let id = key as u32 | number << KEY_BITS;
             (width > 0.0).then_some(Piece { id, start, end, reach, min: min - margin, max: max + margin })
         })
@@ -212,8 +232,8 @@ impl StrandSet {
         }
     }
 
-    /// Nearest hit between the distances on the lanes `mask` of a block; `from` is the first key of the span that the
-    /// ray leaves, or none.
+    /// Nearest hit between the distances on the lanes `mask` of a block of strands so far on their way; `from` is the first
+    /// key of the span that the ray leaves, or none.
     #[inline(never)]
     pub fn hit(
         &self,
@@ -222,13 +242,14 @@ impl StrandSet {
         ray: &StrandRay,
         (t_min, t_max): (f32, f32),
         from: u32,
+        share: f32,
     ) -> Option<StrandHit> {
         let (z_min, mut z_max) = (t_min * ray.length, t_max * ray.length);
         let mut found: Option<StrandHit> = None;
         while mask != 0 {
             let lane = mask.trailing_zeros() as usize % WIDTH;
             mask &= mask - 1;
-            if let Some((z, u, v)) = self.piece_hit(block.ids[lane], ray, (z_min, z_max), from) {
+            if let Some((z, u, v)) = self.piece_hit(block.ids[lane], ray, (z_min, z_max), from, share) {
                 z_max = z;
                 let key = block.ids[lane] & (KEY_LIMIT as u32 - 1);
                 found = Some(StrandHit { t: z / ray.length, u, v, key });
@@ -237,9 +258,16 @@ impl StrandSet {
         found.filter(|hit| hit.t > t_min && hit.t < t_max)
     }
 
-    fn piece_hit(&self, id: u32, ray: &StrandRay, reach: (f32, f32), from: u32) -> Option<(f32, f32, f32)> {
+    fn piece_hit(
+        &self,
+        id: u32,
+        ray: &StrandRay,
+        reach: (f32, f32),
+        from: u32,
+        share: f32,
+    ) -> Option<(f32, f32, f32)> {
         let (key, piece) = (id & (KEY_LIMIT as u32 - 1), id >> KEY_BITS);
-        let span = ray.span(&self.span(key as usize));
+        let span = ray.span(&self.span(key as usize, share));
         match self.shape {
             StrandShape::Ribbon { subdivisions } => {
                 let count = 1 << u32::from(subdivisions);
@@ -263,12 +291,21 @@ impl StrandSet {
     }
 
     /// Normal of a hit in object space, of any length. Ribbons face the ray.
-    pub fn normal(&self, key: u32, u: f32, position: Vec3, direction: Vec3) -> Vec3 {
+    pub fn normal(&self, key: u32, [u, share]: [f32; 2], position: Vec3, direction: Vec3) -> Vec3 {
         match self.shape {
             StrandShape::Ribbon { .. } => -direction,
-            _ => position - self.span(key as usize).at(u).truncate(),
+            _ => position - self.span(key as usize, share).at(u).truncate(),
         }
     }
+}
+
+/// Keys with the first one of each curve marked.
+fn marked(curves: &Curves, keys: impl Iterator<Item = Vec4>) -> Storage<[f32; 4]> {
+    let mut keys: Vec<[f32; 4]> = keys.map(|key| key.with_w(key.w.abs()).to_array()).collect();
+    for &first in &curves.first_keys[..curves.curve_count()] {
+        keys[first as usize][3] *= -1.0;
+    }
+    Storage::new(keys)
 }
 
 /// Hit of the ray along z from the origin on a flat band that faces it: pieces `pieces` of `count` of a span.

@@ -1,7 +1,7 @@
 //! Walks the tree front to back with a stack sorted by distance. The arithmetic on eight lanes is a [`TraversalKernel`]:
 //! AVX2 where the processor has it, plain Rust elsewhere.
 
-use std::mem::MaybeUninit;
+use std::{cell::OnceCell, mem::MaybeUninit};
 
 use glam::Vec3;
 
@@ -123,36 +123,33 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
                 }
             }
             ChildKind::Block(index) => {
-                let block = &blocks[index];
-                let hits = kernel.hit(block, ray.t_min, found.t);
-                let mut mask = hits.mask;
-                while mask != 0 {
-                    let lane = mask.trailing_zeros() as usize % WIDTH;
-                    mask &= mask - 1;
-                    if hits.t.0[lane] < found.t && accept(placement, block.ids[lane]) {
-                        let [t, u, v] = [&hits.t, &hits.u, &hits.v].map(|lanes| lanes.0[lane]);
-                        let (id, lane) = (block.ids[lane], lane as u32);
-                        found = NearestHit { t, u, v, id, block: index as u32, lane, placement };
-                        if ANY {
-                            return Some(found);
-                        }
-                    }
+                let hits = kernel.hit(&blocks[index], ray.t_min, found.t);
+                if take_nearest::<ANY>(&hits, &blocks[index].ids, (index, placement), &mut found, &accept) {
+                    return Some(found);
                 }
             }
             ChildKind::Placement(index) => {
                 let target = &tree.placements[index];
-                if enter_placement(index as u32) {
+                if target.is_at(ray.time) && enter_placement(index as u32) {
                     stack[top].write(entry(0.0, Child::LEAVE));
                     top += 1;
+                    let object_from_world = target.object_from_world_at(ray.time);
                     local = LocalRay::new(
-                        target.object_from_world.transform_point3(ray.origin),
-                        target.object_from_world.transform_vector3(ray.direction),
+                        object_from_world.transform_point3(ray.origin),
+                        object_from_world.transform_vector3(ray.direction),
                     );
                     kernel = K::new(&local);
                     strand_ray = None;
                     placement = index as u32;
                     current = target.root;
                     continue;
+                }
+            }
+            ChildKind::MovingBlock(index) => {
+                let block = tree.moving_block(index, &tree.placements[placement as usize], ray.time);
+                let hits = kernel.hit(&block, ray.t_min, found.t);
+                if take_nearest::<ANY>(&hits, &block.ids, (index, placement), &mut found, &accept) {
+                    return Some(found);
                 }
             }
             ChildKind::Leave => {
@@ -162,14 +159,16 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
                 let strand_ray = strand_ray.get_or_insert_with(|| StrandRay::new(&local));
                 let block = &tree.strand_blocks[index];
                 let mask = K::near_strands(block, strand_ray, found.t * strand_ray.length);
+                let target = &tree.placements[placement as usize];
                 if mask != 0
-                    && let PlacedKind::Strands(set) = tree.placements[placement as usize].kind
+                    && let PlacedKind::Strands(set) = target.kind
                     && let Some(hit) = tree.strand_sets[set as usize].hit(
                         block,
                         mask,
                         strand_ray,
                         (ray.t_min, found.t),
                         source(placement),
+                        target.share_at(ray.time),
                     )
                 {
                     let StrandHit { t, u, v, key: id } = hit;
@@ -180,7 +179,13 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
                 }
             }
             ChildKind::Spheres(index) => {
-                let block = &tree.sphere_blocks[index];
+                let (moved, target) = (OnceCell::new(), &tree.placements[placement as usize]);
+                let block = match target.kind {
+                    PlacedKind::MovingPoints => {
+                        moved.get_or_init(|| tree.moving_spheres(index, target, ray.time))
+                    }
+                    _ => &tree.sphere_blocks[index],
+                };
                 let entries = block.enter(&local);
                 for (lane, &t) in entries.0.iter().enumerate() {
                     if t > ray.t_min && t < found.t && accept(placement, block.ids[lane]) {
@@ -207,6 +212,31 @@ pub(super) fn traverse<K: TraversalKernel, const ANY: bool>(
             }
         }
     }
+}
+
+/// Keeps the nearest of a block's hits that counts; true if that ends the search.
+#[inline(always)]
+fn take_nearest<const ANY: bool>(
+    hits: &BlockHits,
+    ids: &[u32; WIDTH],
+    (block, placement): (usize, u32),
+    found: &mut NearestHit,
+    accept: &impl Fn(u32, u32) -> bool,
+) -> bool {
+    let mut mask = hits.mask;
+    while mask != 0 {
+        let lane = mask.trailing_zeros() as usize % WIDTH;
+        mask &= mask - 1;
+        if hits.t.0[lane] < found.t && accept(placement, ids[lane]) {
+            let [t, u, v] = [&hits.t, &hits.u, &hits.v].map(|lanes| lanes.0[lane]);
+            let (id, block, lane) = (ids[lane], block as u32, lane as u32);
+            *found = NearestHit { t, u, v, id, block, lane, placement };
+            if ANY {
+                return true;
+            }
+        }
+    }
+    false
 }
 
 /// Returns the nearest child and leaves the others on the stack, farthest first.

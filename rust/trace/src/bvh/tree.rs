@@ -1,8 +1,11 @@
 //! Layout of the wide tree: nodes of eight boxes and blocks of eight triangles, both structure-of-arrays, so that
 //! one instruction tests a ray against all eight.
 
+use std::sync::Arc;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec3};
+use relume_scene::{Pose, blend};
 
 use super::{
     spheres::SphereBlock,
@@ -45,6 +48,8 @@ pub(super) enum ChildKind {
     Strands(usize),
     /// Index into [`Tree::sphere_blocks`].
     Spheres(usize),
+    /// Index into [`Tree::blocks`] of a block whose triangles move to where the next one has them.
+    MovingBlock(usize),
 }
 
 impl Child {
@@ -67,6 +72,10 @@ impl Child {
         Self(index as u32 | 3 << 30 | 2 << 28)
     }
 
+    pub fn moving_block(index: usize) -> Self {
+        Self(index as u32 | 3 << 30 | 3 << 28)
+    }
+
     pub fn placement(index: usize) -> Self {
         Self(index as u32 | 2 << 30)
     }
@@ -83,7 +92,8 @@ impl Child {
                 match self.0 >> 28 & 3 {
                     0 => ChildKind::Leave,
                     1 => ChildKind::Strands(small),
-                    _ => ChildKind::Spheres(small),
+                    2 => ChildKind::Spheres(small),
+                    _ => ChildKind::MovingBlock(small),
                 }
             }
         }
@@ -147,6 +157,22 @@ impl TriangleBlock {
         self.ids[lane] = id;
     }
 
+    /// The block on its way to a later one of the same triangles.
+    pub fn on_way(&self, later: &Self, share: f32) -> Self {
+        let between = |a: &BvhLanes, b: &BvhLanes| {
+            BvhLanes(std::array::from_fn(|lane| blend(a.0[lane], b.0[lane], share)))
+        };
+        let vectors =
+            |a: &[BvhLanes; 3], b: &[BvhLanes; 3]| std::array::from_fn(|axis| between(&a[axis], &b[axis]));
+        Self {
+            corner: vectors(&self.corner, &later.corner),
+            edge_1: vectors(&self.edge_1, &later.edge_1),
+            edge_2: vectors(&self.edge_2, &later.edge_2),
+            reach: between(&self.reach, &later.reach),
+            ids: self.ids,
+        }
+    }
+
     /// Normal of a triangle, twice as long as its area.
     pub fn cross(&self, lane: usize) -> Vec3 {
         let vector = |lanes: &[BvhLanes; 3]| Vec3::new(lanes[0].0[lane], lanes[1].0[lane], lanes[2].0[lane]);
@@ -155,7 +181,7 @@ impl TriangleBlock {
 }
 
 /// Geometry that stands in the world by reference: meshes that several instances share, strands and points, whose
-/// radii have a meaning in object space alone.
+/// radii have a meaning in object space alone, and all that moves, in pieces by time.
 #[derive(Clone, Debug)]
 pub(super) struct Placement {
     pub object_from_world: Affine3A,
@@ -164,15 +190,54 @@ pub(super) struct Placement {
     pub kind: PlacedKind,
     /// Index into [`relume_scene::Scene::instances`].
     pub instance: u32,
+    /// Nothing if it stands still.
+    pub motion: Option<PlacedMotion>,
+}
+
+/// Motion of a [`Placement`], which is there for a part of the time.
+#[derive(Clone, Debug)]
+pub(super) struct PlacedMotion {
+    /// Time from which on it is there.
+    pub from: f32,
+    /// Time at which it is gone.
+    pub to: f32,
+    /// Keys of the instance's transform; empty if that keeps still.
+    pub poses: Arc<[Pose]>,
+    /// Intervals between keys of the shape, and which of them its tree is for.
+    pub shape: (f32, f32),
+}
+
+impl Placement {
+    /// True if it is there at a time.
+    #[inline(always)]
+    pub fn is_at(&self, time: f32) -> bool {
+        self.motion.as_ref().is_none_or(|motion| motion.from <= time && time < motion.to)
+    }
+
+    /// The inverse of its transform at a time. It is not finite where it is scaled to nothing.
+    #[inline(always)]
+    pub fn object_from_world_at(&self, time: f32) -> Affine3A {
+        match &self.motion {
+            Some(motion) if !motion.poses.is_empty() => Pose::at(&motion.poses, time).inverse(),
+            _ => self.object_from_world,
+        }
+    }
+
+    /// How far its shape is at a time on the way from one key to the next.
+    pub fn share_at(&self, time: f32) -> f32 {
+        self.motion.as_ref().map_or(0.0, |motion| time * motion.shape.0 - motion.shape.1)
+    }
 }
 
 /// Kind of the geometry of a [`Placement`].
 #[derive(Clone, Copy, Debug)]
 pub(super) enum PlacedKind {
     Mesh,
+    MovingMesh,
     /// Index into [`Tree::strand_sets`].
     Strands(u32),
     Points,
+    MovingPoints,
 }
 
 /// Trees while they are built.
@@ -206,6 +271,16 @@ pub(super) struct Tree {
 }
 
 impl Tree {
+    /// A moving block of a placement at a time.
+    pub fn moving_block(&self, index: usize, placement: &Placement, time: f32) -> TriangleBlock {
+        self.blocks[index].on_way(&self.blocks[index + 1], placement.share_at(time))
+    }
+
+    /// A moving block of spheres of a placement at a time.
+    pub fn moving_spheres(&self, index: usize, placement: &Placement, time: f32) -> SphereBlock {
+        self.sphere_blocks[index].on_way(&self.sphere_blocks[index + 1], placement.share_at(time))
+    }
+
     /// Memory that it takes.
     pub fn bytes(&self) -> usize {
         let sets: usize = self.strand_sets.iter().map(StrandSet::bytes).sum();

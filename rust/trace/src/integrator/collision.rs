@@ -34,7 +34,8 @@ impl Integrator<'_> {
         let travel = walk.ray.direction;
         // Shadow rays use the same memory for the media on their way.
         let medium = std::mem::take(&mut scratch.media.sample);
-        let vertex = Vertex::Medium { position, direction: travel, medium: &medium };
+        let time = walk.ray.time;
+        let vertex = Vertex::Medium { position, direction: travel, time, medium: &medium };
         let cones = guided(guide, &vertex, &mut scratch.cones);
         self.add_static_light(
             &walk.path,
@@ -71,7 +72,7 @@ impl Integrator<'_> {
             walk.path.receiver = media.receiver(&route.stack);
         }
         walk.last = Some(LastBounce { position, pdf });
-        walk.ray = Ray { kind: RayKind::Volume, ..Ray::new(position, direction) };
+        walk.ray = Ray { kind: RayKind::Volume, ..Ray::new(position, direction).at(time) };
         walk.begin_segment(position);
         true
     }

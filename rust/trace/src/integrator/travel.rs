@@ -78,18 +78,18 @@ impl Route {
 }
 
 impl Integrator<'_> {
-    pub(super) fn space<'s>(&'s self, media: &'s Media) -> MediaSpace<'s> {
-        MediaSpace { scene: self.scene, materials: &self.materials, media }
+    pub(super) fn space<'s>(&'s self, media: &'s Media, time: f32) -> MediaSpace<'s> {
+        MediaSpace { scene: self.scene, materials: &self.materials, media, time }
     }
 
     /// Media around a camera: one ray goes straight up, as in Cycles (`kernel/integrator/intersect_volume_stack.h`), and what it
     /// leaves without having entered it encloses the camera.
-    pub(super) fn stack_at(&self, media: &Media, position: Vec3) -> VolumeStack {
+    pub(super) fn stack_at(&self, media: &Media, position: Vec3, time: f32) -> VolumeStack {
         let mut stack = media.outside();
         if !media.may_be_inside(position) {
             return stack;
         }
-        let mut ray = Ray::new(position, Vec3::Z);
+        let mut ray = Ray::new(position, Vec3::Z).at(time);
         let (mut crossing, mut entered) = (HullCrossing::default(), VolumeStack::default());
         while let Some(hit) = self.bvh.intersect(&ray).filter(|_| !crossing.is_worn_out()) {
             if hit.front.z > 0.0 {
@@ -161,7 +161,7 @@ impl Integrator<'_> {
         let way = exit.position - entry.position;
         let direction = way.normalize_or_zero();
         let from = Some((entry.instance, entry.primitive));
-        let mut ray = Ray { from, t_max: way.length(), ..Ray::new(entry.position, direction) };
+        let mut ray = Ray { from, t_max: way.length(), ..Ray::new(entry.position, direction).at(entry.time) };
         let mut crossing = HullCrossing::default();
         while ray.t_max > 0.0
             && let Some(hit) = self.bvh.intersect(&ray).filter(|_| !crossing.is_worn_out())
@@ -223,12 +223,12 @@ impl Integrator<'_> {
     ) -> Option<Arrival> {
         let mut flown = 0.0;
         loop {
-            let Ray { origin, direction, .. } = walk.ray;
+            let Ray { origin, direction, time, .. } = walk.ray;
             let at = |distance: f32| origin + direction * distance;
             let stack = &walk.route.as_ref()?.stack;
             let left = length - flown;
-            let flight =
-                Flight { space: self.space(media), stack, origin: at(flown), direction, length: left };
+            let space = self.space(media, time);
+            let flight = Flight { space, stack, origin: at(flown), direction, length: left };
             let throughput = walk.path.throughput;
             let scatters = !walk.path.is_last_surface() && walk.path.lights_only.is_none();
             let (landing, emission) = flight.run(throughput, scatters, numbers, scratch);

@@ -1,5 +1,5 @@
 use glam::Vec3;
-use relume_scene::{Geometry, Instance, Light, LightShape, Scene};
+use relume_scene::{Geometry, Instance, Light, LightShape, Pose, Scene};
 
 /// Room that is left around a scene in which all space is filled, so that lights can be moved there: as much as it is wide, on each
 /// side.
@@ -20,19 +20,31 @@ impl Bounds {
         points.fold(Self::EMPTY, |bounds, point| bounds.with(Self { min: point, max: point }))
     }
 
-    /// Box of a geometry, in object space. Of strands and points only the middle lines and centres count.
+    /// Box of a geometry at all times, in object space. Of strands and points only the middle lines and centres count.
     pub fn of_geometry(scene: &Scene, geometry: Geometry) -> Self {
-        let mesh = scene.mesh(geometry).map(|mesh| &mesh.positions);
-        let keys = scene.curves(geometry).map(|curves| &curves.keys);
-        let points = scene.points(geometry).map(|points| &points.positions);
-        Self::of_points([mesh, keys, points].into_iter().flatten().flatten().copied())
+        let mesh = scene.mesh(geometry).map(|mesh| [&mesh.positions, &mesh.motion]);
+        let curves = scene.curves(geometry).map(|curves| (&curves.keys, &curves.motion));
+        let points = scene.points(geometry).map(|points| (&points.positions, &points.motion));
+        let spheres = [curves, points].into_iter().flatten();
+        let moved = spheres.clone().flat_map(|(_, motion)| motion).map(|sphere| sphere.truncate());
+        let still = mesh.into_iter().flatten().chain(spheres.map(|(still, _)| still));
+        Self::of_points(still.flatten().copied().chain(moved))
     }
 
-    /// Box around an instance.
+    /// Box around an instance at all times.
     pub fn of_instance(scene: &Scene, instance: &Instance) -> Self {
         let own = Self::of_geometry(scene, instance.geometry);
         if own.min.cmpgt(own.max).any() {
             return own;
+        }
+        if !instance.motion.is_empty() {
+            let intervals = instance.motion.len() - 1;
+            let boxes = (0..intervals).map(|key| {
+                let [from, to] = [key, key + 1].map(|key| key as f32 / intervals as f32);
+                let [min, max] = Pose::swept(&instance.motion, [own.min, own.max], from, to);
+                Self { min, max }
+            });
+            return boxes.fold(Self::EMPTY, Self::with);
         }
         let corner = |index: usize| {
             let pick = |axis: usize| if index >> axis & 1 == 0 { own.min[axis] } else { own.max[axis] };
@@ -45,8 +57,10 @@ impl Bounds {
     /// them. Vertices of paths beyond it would make the steps in which positions are stored too coarse, so that what is
     /// recorded ends there. Lights beyond it are not met.
     pub fn of_scene(scene: &Scene, lights: &[Light]) -> Self {
-        let camera = Vec3::from(scene.camera.world_from_camera.translation);
-        let mut bounds = Self::of_points(std::iter::once(camera));
+        let camera = scene.camera.world_from_camera;
+        let moved = scene.camera.motion.iter().map(|pose| pose.world_from_local());
+        let places = std::iter::once(camera).chain(moved).map(|pose| pose.translation.into());
+        let mut bounds = Self::of_points(places);
         for instance in &scene.instances {
             bounds = bounds.with(Self::of_instance(scene, instance));
         }

@@ -86,7 +86,7 @@ impl<'a> Tracker<'a> {
         for (medium, ray) in media {
             let medium = &flight.space.media.media[*medium as usize];
             if medium.even.is_none() {
-                *ray = flight.space.majorants(medium).ray(flight.origin, flight.direction);
+                *ray = flight.space.majorant_ray(medium, flight.origin, flight.direction);
             }
         }
         Self { flight, rays, even, distance: 0.0 }

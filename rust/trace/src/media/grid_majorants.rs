@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, BVec3, IVec3, UVec3, Vec3, Vec4};
 use rayon::prelude::*;
-use relume_scene::{Bricks, Grid, GridBounds};
+use relume_scene::{Bricks, Grid, GridBounds, STILL};
 
 use super::majorant::MajorantGrid;
 use super::{Bounds, MediaSpace, Medium, MediumSample};
@@ -56,7 +56,8 @@ pub(super) fn of_grids(space: &MediaSpace, medium: &Medium) -> Option<MajorantGr
             * object_from_cells,
     };
     let sources: Vec<Source> = found.into_iter().map(source).collect();
-    let local_from_world = object_from_cells.inverse() * space.materials.object_from_world(medium.instance);
+    let local_from_world =
+        object_from_cells.inverse() * space.materials.object_from_world(medium.instance, STILL);
     let finder = Finder {
         space,
         medium,
@@ -121,7 +122,8 @@ impl Finder<'_> {
             .enumerate()
             .map(|(number, [low, high])| if low == high { 1 } else { VALUES[number.min(VALUES.len() - 1)] });
         let counts: Vec<usize> = counts.collect();
-        let point = MediumPoint { position, wo: Vec3::Z, instance: self.medium.instance };
+        let (instance, time) = (self.medium.instance, STILL);
+        let point = MediumPoint { position, wo: Vec3::Z, instance, time };
         let (mut values, mut sample) = (Vec::new(), MediumSample::default());
         let mut most = 0.0_f32;
         for mut combination in 0..counts.iter().product() {

@@ -20,13 +20,13 @@ mod stack;
 use std::{cell::RefCell, collections::HashMap, sync::OnceLock};
 
 use glam::{Affine3A, Vec3, Vec4};
-use relume_scene::{Light, Scene};
+use relume_scene::{Light, STILL, Scene};
 
 pub(crate) use bounds::Bounds;
 pub use bounds::reaches_beyond;
 pub(crate) use crossing::HullCrossing;
 pub(crate) use flight::{Flight, Landing, TrackingNumbers};
-use majorant::MajorantGrid;
+use majorant::{GridRay, MajorantGrid};
 pub use phase::Phase;
 pub use sample::MediumSample;
 pub(crate) use sample::PhaseSample;
@@ -75,6 +75,8 @@ pub(crate) struct MediaSpace<'a> {
     pub scene: &'a Scene,
     pub materials: &'a PreparedMaterials,
     pub media: &'a Media,
+    /// Time within the shutter's interval.
+    pub time: f32,
 }
 
 /// Memory that one thread reuses.
@@ -130,7 +132,7 @@ impl Media {
         }
         // Not when a ray is first in it: they are found in parallel, and who waits may be needed for that.
         for medium in found.media.iter().filter(|medium| medium.even.is_none()) {
-            let space = MediaSpace { scene, materials, media: &found };
+            let space = MediaSpace { scene, materials, media: &found, time: STILL };
             if let Some(bounds) = grid_majorants::of_grids(&space, medium) {
                 medium.majorants.get_or_init(|| bounds);
             }
@@ -149,11 +151,11 @@ impl Media {
         let instance = instance as u32;
         *self.numbers.entry((instance, material as u32)).or_insert_with(|| {
             let graph = materials.graph(material);
-            let has_field = |name| materials.field(scene, instance, name, Vec3::ZERO).is_some();
+            let has_field = |name| materials.field(scene, (instance, STILL), name, Vec3::ZERO).is_some();
             let varies = graph.medium_varies() || graph.medium_fields().into_iter().any(has_field);
             let even = (!varies).then(|| {
                 let mut sample = MediumSample::default();
-                let point = MediumPoint { position: Vec3::ZERO, wo: Vec3::Z, instance };
+                let point = MediumPoint { position: Vec3::ZERO, wo: Vec3::Z, instance, time: STILL };
                 materials.evaluate_medium(scene, material, &point, &[], &mut Vec::new(), &mut sample);
                 sample
             });
@@ -231,7 +233,8 @@ impl MediaSpace<'_> {
         match &medium.even {
             Some(even) => sample.add(even),
             None => {
-                let point = MediumPoint { position, wo: -direction, instance: medium.instance };
+                let (instance, time) = (medium.instance, self.time);
+                let point = MediumPoint { position, wo: -direction, instance, time };
                 self.materials.evaluate_medium(self.scene, medium.material, &point, &[], values, sample);
             }
         }
@@ -252,21 +255,34 @@ impl MediaSpace<'_> {
         }
     }
 
+    /// A ray through the bounds of a medium that varies.
+    fn majorant_ray(&self, medium: &Medium, origin: Vec3, direction: Vec3) -> GridRay {
+        let bounds = self.majorants(medium);
+        if !self.materials.is_moving(medium.instance) {
+            return bounds.ray(origin, direction);
+        }
+        // The bounds are those of the object in the middle of the interval, and move with it.
+        let world_from_object = self.scene.instances[medium.instance as usize].world_from_object;
+        let to_still = world_from_object * self.materials.object_from_world(medium.instance, self.time);
+        bounds.ray(to_still.transform_point3(origin), to_still.transform_vector3(direction))
+    }
+
     /// Bounds of a medium that varies.
     fn majorants<'m>(&self, medium: &'m Medium) -> &'m MajorantGrid {
         medium.majorants.get_or_init(|| {
+            let still = Self { time: STILL, ..*self };
             let memory = RefCell::new((MediumSample::default(), Vec::new()));
             let extinction = |position: Vec3| {
                 let (sample, values) = &mut *memory.borrow_mut();
                 sample.clear();
-                self.add_medium(medium, position, Vec3::NEG_Z, values, sample);
+                still.add_medium(medium, position, Vec3::NEG_Z, values, sample);
                 sample.extinction.max_element()
             };
             let instance = self.scene.instances.get(medium.instance as usize);
             let (local_from_world, bounds) = match instance {
                 Some(instance) => {
                     let bounds = Bounds::of_geometry(self.scene, instance.geometry);
-                    (self.materials.object_from_world(medium.instance), bounds)
+                    (self.materials.object_from_world(medium.instance, STILL), bounds)
                 }
                 None => (Affine3A::IDENTITY, self.media.recorded.unwrap_or(Bounds::EMPTY)),
             };

@@ -12,9 +12,9 @@ pub fn coordinate(context: &ShadingContext, kind: TexCoord) -> Vec3 {
     let point = context.point;
     match kind {
         TexCoord::Uv => context.active_uv(),
-        TexCoord::Object => context.prepared.object_position(point.instance, point.position),
+        TexCoord::Object => context.prepared.object_position(point.instance, point.time, point.position),
         TexCoord::Generated => generated(context),
-        TexCoord::Normal => context.prepared.object_normal(point.instance, point.shading_normal),
+        TexCoord::Normal => context.prepared.object_normal(point.instance, point.time, point.shading_normal),
         TexCoord::Camera => {
             let camera = &context.scene.camera;
             let position = camera.world_from_camera.inverse().transform_point3(point.position);
@@ -35,10 +35,11 @@ pub fn generated(context: &ShadingContext) -> Vec3 {
     if let Some(root) = strands::generated(context) {
         return root;
     }
+    let point = context.point;
     let position = context
-        .undisplaced_position()
-        .unwrap_or_else(|| context.prepared.object_position(context.point.instance, context.point.position));
-    let Some((min, size)) = context.prepared.bounds(context.point.geometry) else { return position };
+        .rest_position()
+        .unwrap_or_else(|| context.prepared.object_position(point.instance, point.time, point.position));
+    let Some((min, size)) = context.prepared.bounds(point.geometry) else { return position };
     let relative = position - min;
     Vec3::select(size.cmpgt(Vec3::ZERO), relative / size, Vec3::splat(0.5))
 }
@@ -87,8 +88,8 @@ pub fn shifted(context: &ShadingContext, offset: Vec3) -> SurfacePoint {
         let barycentrics = [(u + along).clamp(0.0, 1.0), v];
         return SurfacePoint { position: point.position + offset, barycentrics, ..*point };
     };
-    let matrix = context.instance().world_from_object.matrix3;
-    let [a, b, c] = mesh.triangles[point.primitive as usize].map(|vertex| mesh.positions[vertex as usize]);
+    let matrix = context.world_from_object().matrix3;
+    let [a, b, c] = mesh.corners_at(point.primitive as usize, point.time);
     let (along_u, along_v) = (matrix * (b - a), matrix * (c - a));
     let normal = along_u.cross(along_v);
     let scale = normal.length_squared().recip();
@@ -112,8 +113,10 @@ impl ShadingContext<'_> {
                 self.interpolate(|corner| tangents[corner].truncate())
             }
         };
-        let (normal, tangent) =
-            (self.point.shading_normal, self.prepared.world_normal(self.point.instance, tangent));
+        let (normal, tangent) = (
+            self.point.shading_normal,
+            self.prepared.world_normal(self.point.instance, self.point.time, tangent),
+        );
         normal.cross(tangent.cross(normal).normalize_or_zero())
     }
 
@@ -127,9 +130,10 @@ impl ShadingContext<'_> {
             point.footprint * (across(x) + across(y)) * 0.5
         };
         let reach = 0.5 * size * if in_pixels { pixel() } else { 1.0 };
-        let world_from_object = self.instance().world_from_object;
-        let corners = mesh.triangles[point.primitive as usize]
-            .map(|vertex| world_from_object.transform_point3(mesh.positions[vertex as usize]));
+        let world_from_object = self.world_from_object();
+        let corners = mesh
+            .corners_at(point.primitive as usize, point.time)
+            .map(|corner| world_from_object.transform_point3(corner));
         (0..3).any(|corner| {
             let edge = corners[corner] - corners[(corner + 2) % 3];
             let area = edge.cross(point.position - corners[corner]);

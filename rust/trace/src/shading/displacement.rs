@@ -1,7 +1,7 @@
 //! Displacement: its vectors, offsets of vertices, and shading that remembers the shape before.
 
 use glam::{Vec3, Vec4};
-use relume_scene::{Node, NormalSpace, Scene, SurfaceBase, Undisplaced};
+use relume_scene::{Node, NormalSpace, STILL, Scene, SurfaceBase, Undisplaced};
 
 use super::coordinates::{self, footprint_axes};
 use super::evaluate::{Known, ShadingContext, bumped};
@@ -37,7 +37,7 @@ impl PreparedMaterials {
         let Some(offset) = &graph.displacement else { return Vec3::ZERO };
         let barycentrics = CORNERS[corner];
         let front = Hit::on(scene, [instance, triangle], barycentrics, 0.0).front.normalize_or(Vec3::Z);
-        let shading_normal = self.world_normal(instance, normal);
+        let shading_normal = self.world_normal(instance, STILL, normal);
         let shading_normal = if shading_normal == Vec3::ZERO { front } else { shading_normal };
         let position = mesh.undisplaced_corners(triangle as usize)[corner];
         let point = SurfacePoint {
@@ -53,6 +53,7 @@ impl PreparedMaterials {
             ray_length: 0.0,
             footprint: 0.0,
             strand: None,
+            time: STILL,
             ray: RayInfo::default(),
         };
         let context =
@@ -60,7 +61,7 @@ impl PreparedMaterials {
         values.resize(graph.nodes.len(), Vec4::ZERO);
         context.run(&offset.needs, values, &mut []);
         let moved = Known { context: &context, values }.vector(&offset.input);
-        let moved = self.object_direction(instance, moved);
+        let moved = self.object_direction(instance, STILL, moved);
         Vec3::select(moved.is_finite_mask(), moved, Vec3::ZERO)
     }
 }
@@ -71,9 +72,9 @@ impl<'a> ShadingContext<'a> {
         self.mesh()?.undisplaced.as_ref()
     }
 
-    /// Object-space place of the point before displacement; nothing if its mesh was not displaced.
-    pub(super) fn undisplaced_position(&self) -> Option<Vec3> {
-        let mesh = self.mesh().filter(|mesh| mesh.undisplaced.is_some())?;
+    /// Object-space place of the point before displacement and motion; nothing if its mesh keeps its shape.
+    pub(super) fn rest_position(&self) -> Option<Vec3> {
+        let mesh = self.mesh().filter(|mesh| mesh.undisplaced.is_some() || !mesh.motion.is_empty())?;
         let [a, b, c] = mesh.undisplaced_corners(self.point.primitive as usize);
         let [u, v] = self.point.barycentrics;
         Some(a * (1.0 - u - v) + b * u + c * v)
@@ -88,7 +89,7 @@ impl<'a> ShadingContext<'a> {
         } else {
             self.interpolate(|corner| before.corner_normals[corner])
         };
-        Some(self.prepared.world_normal(self.point.instance, normal) * self.side())
+        Some(self.prepared.world_normal(self.point.instance, self.point.time, normal) * self.side())
     }
 
     fn side(&self) -> f32 {
@@ -97,7 +98,7 @@ impl<'a> ShadingContext<'a> {
 
     /// A displacement by a vector in a space, as a vector in world space (Cycles' `svm_node_vector_displacement`).
     pub(super) fn vector_displacement(&self, space: NormalSpace, vector: Vec3, uv_map: usize) -> Vec3 {
-        let world_from_object = self.instance().world_from_object.matrix3;
+        let world_from_object = self.world_from_object().matrix3;
         let in_object = match space {
             NormalSpace::World | NormalSpace::BlenderWorld => return vector,
             NormalSpace::Object | NormalSpace::BlenderObject => vector,
@@ -107,7 +108,11 @@ impl<'a> ShadingContext<'a> {
                 let Some(tangents) = tangents.filter(|_| self.mesh().is_some()) else { return Vec3::ZERO };
                 let tangent = self.interpolate(|corner| tangents[corner].truncate());
                 let sign = self.interpolate(|corner| tangents[corner].w);
-                let normal = self.prepared.object_normal(self.point.instance, self.point.shading_normal);
+                let normal = self.prepared.object_normal(
+                    self.point.instance,
+                    self.point.time,
+                    self.point.shading_normal,
+                );
                 let bitangent = normal.cross(tangent).normalize_or_zero() * sign;
                 tangent * vector.x + normal * vector.y + bitangent * vector.z
             }
@@ -129,15 +134,15 @@ impl<'a> ShadingContext<'a> {
         let sign = self.interpolate(|corner| tangents[corner].w);
         let normal = self.interpolate(|corner| before.corner_normals[corner]);
         let bent = tangent * color.x + normal.cross(tangent) * (sign * color.y) + normal * color.z;
-        let mapped = self.prepared.world_normal(point.instance, bent) * self.side();
+        let mapped = self.prepared.world_normal(point.instance, point.time, bent) * self.side();
         point.shading_normal.lerp(mapped, strength.max(0.0)).normalize_or(point.shading_normal)
     }
 
     /// The point as it was before displacement.
     fn undisplaced_point(&self, base: SurfaceBase) -> SurfacePoint {
         let mut point = *self.point;
-        if let Some(position) = self.undisplaced_position() {
-            point.position = self.instance().world_from_object.transform_point3(position);
+        if let Some(position) = self.undisplaced().and_then(|_| self.rest_position()) {
+            point.position = self.world_from_object().transform_point3(position);
         }
         if let Some(normal) = self.undisplaced_normal().filter(|_| base == SurfaceBase::Undisplaced) {
             point.shading_normal = normal;
@@ -178,14 +183,15 @@ impl<'a> ShadingContext<'a> {
         let [(dx, along_x), (dy, along_y)] = [x, y].map(|axis| {
             let shifted = coordinates::shifted(self, axis * step);
             let shifted = ShadingContext { point: &shifted, ..*self }.undisplaced_point(base);
-            let moved = self.prepared.object_direction(point.instance, shifted.position - point.position);
+            let moved =
+                self.prepared.object_direction(point.instance, point.time, shifted.position - point.position);
             (moved, height_at(&shifted) - here)
         });
-        let in_object = self.prepared.object_normal(point.instance, normal);
+        let in_object = self.prepared.object_normal(point.instance, point.time, normal);
         let distance = known.float(distance) * if *invert { -1.0 } else { 1.0 };
         let Some(bumped) = bumped(in_object, [dx, dy], [along_x, along_y], distance) else { return normal };
         let mixed = in_object.lerp(bumped, known.float(strength).max(0.0));
-        let bumped = self.prepared.world_normal(point.instance, mixed);
+        let bumped = self.prepared.world_normal(point.instance, point.time, mixed);
         if bumped == Vec3::ZERO { normal } else { bumped }
     }
 }

@@ -1,6 +1,6 @@
 //! Values of nodes at a surface point.
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Affine3A, Vec2, Vec3, Vec4};
 use relume_scene::{
     Input, Instance, Mesh, Node, NodeId, NormalSpace, Output, Scene, SurfaceBase, TangentKind,
 };
@@ -52,7 +52,7 @@ impl NodeInputs for Known<'_, '_> {
                 Vec4::new(1.0 - u - v, u, 0.0, 1.0)
             }
             Output::Tangent => context.tangent().extend(1.0),
-            Output::Location => Vec3::from(instance.world_from_object.translation).extend(1.0),
+            Output::Location => Vec3::from(context.world_from_object().translation).extend(1.0),
             Output::ObjectIndex => Vec4::splat(instance.pass_index as f32),
             Output::Random => Vec4::splat(instance.random),
             Output::IsStrand => flag(point.strand.is_some()),
@@ -109,6 +109,11 @@ impl<'a> ShadingContext<'a> {
         self.scene.instances.get(self.point.instance as usize).unwrap_or(&self.prepared.space)
     }
 
+    /// Transform of the instance at the time of the ray.
+    pub fn world_from_object(&self) -> Affine3A {
+        self.instance().world_from_object_at(self.point.time)
+    }
+
     /// The mesh that the point is on; nothing for other geometry, and within media.
     pub fn mesh(&self) -> Option<&'a Mesh> {
         self.scene.mesh(self.point.geometry).filter(|_| !self.point.is_in_medium())
@@ -142,7 +147,8 @@ impl<'a> ShadingContext<'a> {
                 return procedural::evaluate(texture, at, &known, colored);
             }
             Node::Ies { profile, strength, vector } => {
-                let back = || self.prepared.object_normal(self.point.instance, self.point.wo);
+                let back =
+                    || self.prepared.object_normal(self.point.instance, self.point.time, self.point.wo);
                 let direction = vector.as_ref().map_or_else(back, |vector| known.vector(vector));
                 return Vec4::splat(known.float(strength) * profile.strength(direction));
             }
@@ -266,7 +272,7 @@ impl<'a> ShadingContext<'a> {
         if let Some((_, value)) = self.assumed.iter().find(|(assumed, _)| *assumed == name) {
             return Some(*value);
         }
-        self.prepared.field(self.scene, self.point.instance, name, self.point.position)
+        self.prepared.field(self.scene, (self.point.instance, self.point.time), name, self.point.position)
     }
 
     /// A height along a world-space normal as a vector in world space. A height in object space is scaled with the object.
@@ -274,7 +280,7 @@ impl<'a> ShadingContext<'a> {
         if world_space {
             return normal * height;
         }
-        let world_from_object = self.instance().world_from_object.matrix3;
+        let world_from_object = self.world_from_object().matrix3;
         let in_object = (world_from_object.transpose() * normal).normalize_or_zero();
         world_from_object * in_object * height
     }
@@ -320,11 +326,14 @@ impl<'a> ShadingContext<'a> {
                 let bent = tangent * (color.x * strength)
                     + normal.cross(tangent) * (sign * color.y * strength)
                     + normal * up;
-                return (self.prepared.world_normal(point.instance, bent) * side).normalize_or(smooth);
+                return (self.prepared.world_normal(point.instance, point.time, bent) * side)
+                    .normalize_or(smooth);
             }
-            NormalSpace::Object => self.prepared.world_normal(point.instance, color),
+            NormalSpace::Object => self.prepared.world_normal(point.instance, point.time, color),
             NormalSpace::World => color.normalize_or_zero(),
-            NormalSpace::BlenderObject => self.prepared.world_normal(point.instance, color * blender_axes),
+            NormalSpace::BlenderObject => {
+                self.prepared.world_normal(point.instance, point.time, color * blender_axes)
+            }
             NormalSpace::BlenderWorld => (color * blender_axes).normalize_or_zero(),
         };
         smooth.lerp(normal * side, strength.max(0.0)).normalize_or(smooth)
@@ -334,11 +343,19 @@ impl<'a> ShadingContext<'a> {
     fn object_normal(&self) -> Vec3 {
         match self.mesh() {
             Some(mesh) if !mesh.corner_normals.is_empty() => {
-                self.interpolate(|corner| mesh.corner_normals[corner])
+                let point = self.point;
+                let [a, b, c] =
+                    self.prepared.corner_normals_at(point.geometry, mesh, point.primitive, point.time);
+                let [u, v] = point.barycentrics;
+                a * (1.0 - u - v) + b * u + c * v
             }
             _ => {
                 let side = if self.point.backfacing { -1.0 } else { 1.0 };
-                self.prepared.object_normal(self.point.instance, self.point.geometric_normal * side)
+                self.prepared.object_normal(
+                    self.point.instance,
+                    self.point.time,
+                    self.point.geometric_normal * side,
+                )
             }
         }
     }

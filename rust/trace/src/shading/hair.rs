@@ -144,9 +144,8 @@ impl ShadingContext<'_> {
     /// Edges from the triangle's first corner, in world space, turned over where its back is seen.
     fn edges(&self) -> [Vec3; 2] {
         let Some(mesh) = self.mesh() else { return [Vec3::X; 2] };
-        let corners = mesh.triangles[self.point.primitive as usize];
-        let [a, b, c] = corners.map(|vertex| mesh.positions[vertex as usize]);
+        let [a, b, c] = mesh.corners_at(self.point.primitive as usize, self.point.time);
         let side = if self.point.backfacing { -1.0 } else { 1.0 };
-        [b - a, c - a].map(|edge| self.instance().world_from_object.transform_vector3(edge) * side)
+        [b - a, c - a].map(|edge| self.world_from_object().transform_vector3(edge) * side)
     }
 }

@@ -39,8 +39,11 @@ impl Image<'_> {
             }
             ImageProjection::MirrorBall => self.at(context, on_mirror_ball(at.normalize_or_zero())),
             ImageProjection::Box { blend } => {
-                let normal =
-                    context.prepared.object_normal(context.point.instance, context.point.shading_normal);
+                let normal = context.prepared.object_normal(
+                    context.point.instance,
+                    context.point.time,
+                    context.point.shading_normal,
+                );
                 let sides = [
                     Vec2::new(mirrored(at.y, normal.x < 0.0), at.z),
                     Vec2::new(mirrored(at.x, normal.y > 0.0), at.z),

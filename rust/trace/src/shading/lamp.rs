@@ -10,7 +10,8 @@ use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use relume_dump::encode_rgb9e5;
 use relume_scene::{
-    EmissionMap, Falloff, Geometry, Instance, MapDomain, MapKey, Material, Mesh, Node, Scene, Texture, UvMap,
+    EmissionMap, Falloff, Geometry, Instance, MapDomain, MapKey, Material, Mesh, Node, STILL, Scene, Texture,
+    UvMap,
 };
 
 use super::{PreparedMaterials, RayInfo, SurfacePoint};
@@ -208,6 +209,7 @@ impl Lamp {
             ray_length: 0.0,
             footprint: 0.0,
             strand: None,
+            time: STILL,
             ray: RayInfo::default(),
         }
     }

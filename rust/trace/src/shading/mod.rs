@@ -15,6 +15,7 @@ mod hair;
 mod image;
 mod lamp;
 mod math;
+mod moving;
 mod point;
 mod prepared;
 mod principled;

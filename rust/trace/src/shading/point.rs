@@ -1,5 +1,5 @@
 use glam::{Mat3A, Vec3};
-use relume_scene::{Curves, Geometry, Scene, StrandShape};
+use relume_scene::{Curves, Geometry, STILL, Scene, StrandShape};
 
 use crate::strand::Span;
 
@@ -15,12 +15,14 @@ pub struct Hit {
     pub barycentrics: [f32; 2],
     /// Distance along the unit ray direction, metres.
     pub distance: f32,
+    /// Time of the ray within the shutter's interval, 0..1.
+    pub time: f32,
     /// Normal of the front in world space, of any length. Ribbons face the ray.
     pub front: Vec3,
 }
 
 impl Hit {
-    /// A hit on a triangle that is known without a ray.
+    /// A hit on a triangle that is known without a ray, in the middle of the shutter's interval.
     pub fn on(scene: &Scene, [instance, primitive]: [u32; 2], barycentrics: [f32; 2], distance: f32) -> Self {
         let placed = &scene.instances[instance as usize];
         let cross = scene.mesh(placed.geometry).map_or(Vec3::Z, |mesh| {
@@ -29,7 +31,7 @@ impl Hit {
         });
         let normal_matrix = placed.world_from_object.matrix3.inverse().transpose();
         let front = normal_matrix * cross;
-        Self { instance, primitive, barycentrics, distance, front }
+        Self { instance, primitive, barycentrics, distance, time: STILL, front }
     }
 }
 
@@ -42,6 +44,8 @@ pub(crate) struct MediumPoint {
     pub wo: Vec3,
     /// Index into [`relume_scene::Scene::instances`], their number for the medium of the world.
     pub instance: u32,
+    /// See [`Hit::time`].
+    pub time: f32,
 }
 
 impl MediumPoint {
@@ -61,6 +65,7 @@ impl MediumPoint {
             ray_length: 0.0,
             footprint: 0.0,
             strand: None,
+            time: self.time,
             ray: RayInfo::default(),
         }
     }
@@ -101,6 +106,8 @@ pub struct SurfacePoint {
     pub ray_length: f32,
     /// Radius of the ray's footprint on the surface, metres (Cycles' compact differential `dP`).
     pub footprint: f32,
+    /// See [`Hit::time`].
+    pub time: f32,
     /// Place on a strand; nothing on other geometry.
     pub strand: Option<StrandPoint>,
     /// The ray that met it.
@@ -208,7 +215,7 @@ pub struct StrandPoint {
 impl StrandPoint {
     /// The place of a hit; `direction` is the ray's in object space. A ribbon is shaded as the cylinder that it stands for.
     pub(super) fn new(curves: &Curves, hit: &Hit, world_from_object: Mat3A, direction: Vec3) -> Self {
-        let span = Span::new(curves.span(hit.primitive as usize), curves.shape);
+        let span = Span::new(curves.span_at(hit.primitive as usize, hit.time), curves.shape);
         let [u, v] = hit.barycentrics;
         let tangent = span.tangent(u);
         let ribbon_normal = matches!(curves.shape, StrandShape::Ribbon { .. }).then(|| {

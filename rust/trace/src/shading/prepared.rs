@@ -1,6 +1,6 @@
-use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec4};
+use glam::{Affine3A, Vec2, Vec3, Vec4};
 use relume_scene::{
-    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Material, Mesh, Points,
+    ColorAttribute, Curves, Extension, Geometry, Grid, Instance, Interpolation, Material, Mesh, Points, Pose,
     Scene, SurfaceBase, UvMap,
 };
 
@@ -8,6 +8,7 @@ use super::closures::shade;
 use super::evaluate::{Known, ShadingContext};
 use super::fields::PreparedFields;
 use super::graph::{Graph, Names};
+use super::moving::{Transforms, key_normals};
 use super::tangents::{corner_tangents, spherical_coords, undisplaced_positions};
 use super::texture::{PreparedTexture, equirectangular};
 use super::values::NodeInputs;
@@ -21,9 +22,11 @@ use crate::media::MediumSample;
 pub struct PreparedMaterials {
     graphs: Vec<Graph>,
     pub(super) textures: Vec<PreparedTexture>,
-    transforms: Vec<Transforms>,
+    pub(super) transforms: Vec<Transforms>,
+    /// Poses of each instance; none at all where none moves.
+    pub(super) poses: Vec<Vec<Pose>>,
     /// Those of all meshes, and of the nothing that the world's medium is in.
-    meshes: Vec<PreparedMesh>,
+    pub(super) meshes: Vec<PreparedMesh>,
     curves: Vec<Attributes>,
     points: Vec<Attributes>,
     /// Values by name numbers that materials ask each instance for; none of those that have none.
@@ -37,20 +40,12 @@ pub struct PreparedMaterials {
 
 /// Everything about one mesh that does not depend on the hit.
 #[derive(Debug)]
-struct PreparedMesh {
+pub(super) struct PreparedMesh {
     /// Lower corner and size of the box of generated coordinates.
     bounds: (Vec3, Vec3),
     attributes: Attributes,
-}
-
-/// Transforms of one instance.
-#[derive(Clone, Copy, Debug)]
-struct Transforms {
-    object_from_world: Affine3A,
-    /// World-space normals from object-space ones, before normalising.
-    world_from_object_normal: Mat3A,
-    /// The inverse, likewise.
-    object_from_world_normal: Mat3A,
+    /// Corner normals at each key of its motion, key after key; empty if it keeps its shape or is flat.
+    pub(super) key_normals: Vec<Vec3>,
 }
 
 /// Numbers of a geometry's arrays that the graphs mean by their names.
@@ -100,12 +95,13 @@ impl PreparedMaterials {
                 .instances
                 .iter()
                 .chain([&space])
-                .map(|instance| Transforms {
-                    object_from_world: instance.world_from_object.inverse(),
-                    world_from_object_normal: instance.world_from_object.matrix3.inverse().transpose(),
-                    object_from_world_normal: instance.world_from_object.matrix3.transpose(),
-                })
+                .map(|instance| Transforms::new(instance.world_from_object))
                 .collect(),
+            poses: if scene.instances.iter().any(|instance| !instance.motion.is_empty()) {
+                scene.instances.iter().map(|instance| instance.motion.clone()).collect()
+            } else {
+                Vec::new()
+            },
             meshes: (scene.meshes.iter().chain([&nothing]))
                 .map(|mesh| PreparedMesh::new(mesh, &names))
                 .collect(),
@@ -136,21 +132,18 @@ impl PreparedMaterials {
         let instance = &scene.instances[hit.instance as usize];
         let front = hit.front.normalize_or(-direction);
         let strand = scene.curves(instance.geometry).map(|curves| {
-            let matrix = instance.world_from_object.matrix3;
-            StrandPoint::new(curves, hit, matrix, self.object_direction(hit.instance, direction))
+            let matrix = instance.world_from_object_at(hit.time).matrix3;
+            StrandPoint::new(curves, hit, matrix, self.object_direction(hit.instance, hit.time, direction))
         });
         let smooth = match (scene.mesh(instance.geometry), &strand) {
             (_, Some(strand)) => {
-                strand.ribbon_normal.map_or(front, |normal| self.world_normal(hit.instance, normal))
+                strand.ribbon_normal.map_or(front, |normal| self.world_normal(hit.instance, hit.time, normal))
             }
             (Some(mesh), _) if !mesh.corner_normals.is_empty() => {
-                let corner = 3 * hit.primitive as usize;
+                let [a, b, c] = self.corner_normals_at(instance.geometry, mesh, hit.primitive, hit.time);
                 let [u, v] = hit.barycentrics;
-                let interpolated = mesh.corner_normals[corner] * (1.0 - u - v)
-                    + mesh.corner_normals[corner + 1] * u
-                    + mesh.corner_normals[corner + 2] * v;
-                let normal_matrix = self.transforms[hit.instance as usize].world_from_object_normal;
-                (normal_matrix * interpolated).normalize_or(front)
+                let interpolated = a * (1.0 - u - v) + b * u + c * v;
+                self.turned_normal(hit.instance, hit.time, interpolated).normalize_or(front)
             }
             _ => front,
         };
@@ -168,6 +161,7 @@ impl PreparedMaterials {
             barycentrics: hit.barycentrics,
             ray_length: hit.distance,
             footprint,
+            time: hit.time,
             strand,
             ray: RayInfo { origin, ..RayInfo::default() },
         }
@@ -251,16 +245,17 @@ impl PreparedMaterials {
         &self.graphs[material]
     }
 
-    /// World-space matrix's inverse of an instance, or of all space.
-    pub(crate) fn object_from_world(&self, instance: u32) -> Affine3A {
-        self.transforms[instance as usize].object_from_world
-    }
-
     /// Value at a world-space position of the grid with this name number that an instance has; nothing if it has none. A scalar is in
     /// all of red, green and blue.
-    pub(crate) fn field(&self, scene: &Scene, instance: u32, name: usize, position: Vec3) -> Option<Vec4> {
+    pub(crate) fn field(
+        &self,
+        scene: &Scene,
+        (instance, time): (u32, f32),
+        name: usize,
+        position: Vec3,
+    ) -> Option<Vec4> {
         let set = scene.instances.get(instance as usize)?.grids?;
-        let position = self.object_from_world(instance).transform_point3(position);
+        let position = self.object_from_world(instance, time).transform_point3(position);
         self.fields.value(scene, set, name, position)
     }
 
@@ -318,45 +313,15 @@ impl PreparedMaterials {
         let before = undisplaced_tangents.get(name).filter(|_| base != SurfaceBase::Shaded);
         before.unwrap_or(&tangents[name]).as_deref()
     }
-
-    /// Corners and their unit shading normals of the triangle that `point` is on, in world space; nothing if its mesh is
-    /// flat-shaded.
-    pub(crate) fn smooth_triangle(
-        &self,
-        scene: &Scene,
-        point: &SurfacePoint,
-    ) -> Option<([Vec3; 3], [Vec3; 3])> {
-        let mesh = scene.mesh(point.geometry)?;
-        let corner = 3 * point.primitive as usize;
-        let normals: &[Vec3; 3] = mesh.corner_normals.get(corner..corner + 3)?.try_into().ok()?;
-        let world_from_object = scene.instances[point.instance as usize].world_from_object;
-        let corners = mesh.triangles[point.primitive as usize]
-            .map(|vertex| world_from_object.transform_point3(mesh.positions[vertex as usize]));
-        Some((corners, normals.map(|normal| self.world_normal(point.instance, normal))))
-    }
-
-    pub(super) fn object_direction(&self, instance: u32, world: Vec3) -> Vec3 {
-        self.transforms[instance as usize].object_from_world.transform_vector3(world)
-    }
-
-    pub(super) fn object_position(&self, instance: u32, world: Vec3) -> Vec3 {
-        self.transforms[instance as usize].object_from_world.transform_point3(world)
-    }
-
-    /// A unit object-space normal from a world-space one.
-    pub(super) fn object_normal(&self, instance: u32, world: Vec3) -> Vec3 {
-        (self.transforms[instance as usize].object_from_world_normal * world).normalize_or_zero()
-    }
-
-    /// A unit world-space normal from an object-space one.
-    pub(super) fn world_normal(&self, instance: u32, object: Vec3) -> Vec3 {
-        (self.transforms[instance as usize].world_from_object_normal * object).normalize_or_zero()
-    }
 }
 
 impl PreparedMesh {
     fn new(mesh: &Mesh, names: &Names) -> Self {
-        Self { bounds: bounds(mesh), attributes: find_attributes(mesh, names) }
+        Self {
+            bounds: bounds(mesh),
+            attributes: find_attributes(mesh, names),
+            key_normals: key_normals(mesh),
+        }
     }
 }
 

@@ -59,7 +59,7 @@ impl Probes<'_> {
                 kind: RayKind::Shadow,
                 t_max: distance,
                 from: Some((point.instance, point.primitive)),
-                ..Ray::new(point.position, sample_cosine(axis, [u, v]))
+                ..Ray::new(point.position, sample_cosine(axis, [u, v])).at(point.time)
             })
         };
         (0..samples).filter(is_open).count() as f32 / samples as f32
@@ -107,7 +107,7 @@ impl Probes<'_> {
         }
         let (sin, cos) = (TAU * u).sin_cos();
         let origin = point.position + axis * height + (across_x * cos + across_y * sin) * place;
-        let mut ray = Ray { t_max: 2.0 * height, ..Ray::new(origin, -axis) };
+        let mut ray = Ray { t_max: 2.0 * height, ..Ray::new(origin, -axis).at(point.time) };
         let mut sum = Vec3::ZERO;
         for _ in 0..MOST_HITS {
             let Some(hit) = self.bvh.intersect_within(&ray, point.instance) else { break };

@@ -55,17 +55,19 @@ impl SurfacePoint {
     pub fn point_info(&self, scene: &Scene) -> Option<PointInfo> {
         let points = scene.points(self.geometry)?;
         let number = self.primitive as usize;
-        let world_from_object = scene.instances[self.instance as usize].world_from_object;
+        let sphere = points.sphere_at(number, self.time);
+        let world_from_object = scene.instances[self.instance as usize].world_from_object_at(self.time);
         Some(PointInfo {
-            position: world_from_object.transform_point3(points.positions[number]),
-            radius: points.radii[number] * self.mean_scale(scene),
+            position: world_from_object.transform_point3(sphere.truncate()),
+            radius: sphere.w * self.mean_scale(scene),
             random: random_of(number),
         })
     }
 
     /// Length of the diagonal direction once it is transformed to the world.
     fn mean_scale(&self, scene: &Scene) -> f32 {
-        let world_from_object = scene.instances[self.instance as usize].world_from_object.matrix3;
+        let world_from_object =
+            scene.instances[self.instance as usize].world_from_object_at(self.time).matrix3;
         (world_from_object * Vec3::splat(3.0_f32.sqrt().recip())).length()
     }
 }
@@ -160,7 +162,14 @@ mod tests {
     /// Half of the second span, a share `v` across, seen along -z.
     fn on_strand(scene: &Scene, v: f32) -> SurfacePoint {
         let (prepared, _) = PreparedMaterials::new(scene);
-        let hit = Hit { instance: 0, primitive: 1, barycentrics: [0.5, v], distance: 1.0, front: Vec3::Z };
+        let hit = Hit {
+            instance: 0,
+            primitive: 1,
+            barycentrics: [0.5, v],
+            distance: 1.0,
+            time: 0.5,
+            front: Vec3::Z,
+        };
         prepared.surface_point(scene, &hit, Vec3::new(0.2 * v, 5.0, 1.0), Vec3::NEG_Z, 0.0)
     }
 
@@ -186,7 +195,14 @@ mod tests {
         // Jenkins' hash of (0, 0), as in Cycles.
         assert_eq!(info.random, random_of_words([0, 0]));
         let (prepared, _) = PreparedMaterials::new(&scene);
-        let hit = Hit { instance: 1, primitive: 0, barycentrics: [0.0; 2], distance: 1.0, front: Vec3::Z };
+        let hit = Hit {
+            instance: 1,
+            primitive: 0,
+            barycentrics: [0.0; 2],
+            distance: 1.0,
+            time: 0.5,
+            front: Vec3::Z,
+        };
         let point = prepared.surface_point(&scene, &hit, Vec3::new(2.0, 0.0, 2.0), Vec3::NEG_Z, 0.0);
         let info = point.point_info(&scene).unwrap();
         assert_eq!((info.position, info.random), (Vec3::X * 2.0, random_of_words([0, 0])));

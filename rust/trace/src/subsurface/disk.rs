@@ -41,7 +41,7 @@ pub(super) fn probe(
     let height = (reach * reach - from_axis * from_axis).max(0.0).sqrt();
     let (sin, cos) = (TAU * turn).sin_cos();
     let start = point.position + axis * height + (across[0] * cos + across[1] * sin) * from_axis;
-    let mut ray = Ray { t_max: 2.0 * height, ..Ray::new(start, -axis) };
+    let mut ray = Ray { t_max: 2.0 * height, ..Ray::new(start, -axis).at(point.time) };
 
     // Of all hits, one in proportion to its weight: no more than one is kept at a time.
     let (mut rest, mut sum, mut kept) = (u[2], 0.0, None);

@@ -64,7 +64,7 @@ impl Integrator<'_> {
             }
             let (medium, throughput) = Medium::new(bssrdf, throughput);
             let from = Some((point.instance, point.primitive));
-            let ray = Ray { from, ..Ray::new(start, direction) };
+            let ray = Ray { from, ..Ray::new(start, direction).at(point.time) };
             walk::walk(&medium, ray, point.shading_normal, throughput, find, |step| draw(step + 1))?
         };
         path.throughput = exit.throughput;
@@ -85,9 +85,9 @@ impl Integrator<'_> {
 /// a long ray misses a surface by.
 fn on_triangle(scene: &Scene, point: &SurfacePoint) -> Option<Vec3> {
     let mesh = scene.mesh(point.geometry)?;
-    let [a, b, c] = mesh.triangles[point.primitive as usize].map(|vertex| mesh.positions[vertex as usize]);
+    let [a, b, c] = mesh.corners_at(point.primitive as usize, point.time);
     let [u, v] = point.barycentrics;
     let in_object = a * (1.0 - u - v) + b * u + c * v;
     let instance = &scene.instances[point.instance as usize];
-    Some(instance.world_from_object.transform_point3(in_object))
+    Some(instance.world_from_object_at(point.time).transform_point3(in_object))
 }

@@ -210,7 +210,14 @@ mod tests {
             let distances = heights.iter().map(|height| (height - ray.origin.z) / ray.direction.z);
             let distance = distances.filter(|t| *t > 1e-6 && *t < ray.t_max).reduce(f32::min)?;
             let front = Vec3::Z * ray.direction.z.signum();
-            Some(Hit { instance: 0, primitive: 0, barycentrics: [0.0; 2], distance, front })
+            Some(Hit {
+                instance: 0,
+                primitive: 0,
+                barycentrics: [0.0; 2],
+                distance,
+                time: relume_scene::STILL,
+                front,
+            })
         }
     }
 

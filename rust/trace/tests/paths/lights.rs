@@ -130,7 +130,7 @@ fn gather_equals_direct_trace_of_the_same_light() {
     for pixel in 0..36 {
         for _ in 0..8192 {
             let u = [(); 4].map(|()| direct.random() as f32);
-            let ray = rays.ray(pixel % 6, pixel / 6, u).unwrap();
+            let ray = rays.ray(pixel % 6, pixel / 6, 0.5, u).unwrap();
             sum += direct.radiance(ray.origin.as_dvec3(), ray.direction.as_dvec3(), 4);
             count += 1;
         }

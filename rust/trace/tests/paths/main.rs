@@ -10,6 +10,7 @@ mod furnace;
 mod lights;
 mod limits;
 mod media;
+mod motion;
 mod shadow_rays;
 mod subsurface;
 mod support;

@@ -100,6 +100,8 @@ struct MeshParts {
     texture_space: Option<[Vec3; 2]>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     is_displaced: bool,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    moves: bool,
     uv_maps: Vec<String>,
     color_attributes: Vec<String>,
 }
@@ -111,6 +113,8 @@ struct CurvesParts {
     name: String,
     shape: StrandShape,
     first_number: u32,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    moves: bool,
     uv_maps: Vec<String>,
     key_attributes: Vec<String>,
     curve_attributes: Vec<String>,
@@ -121,6 +125,8 @@ struct CurvesParts {
 #[serde(deny_unknown_fields)]
 struct PointsParts {
     name: String,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    moves: bool,
     uv_maps: Vec<String>,
     attributes: Vec<String>,
 }

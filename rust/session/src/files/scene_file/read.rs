@@ -113,6 +113,7 @@ impl Arrays<'_> {
             name: parts.name,
             positions: self.rows(&name("positions"), Dtype::F32, &[3])?,
             triangles: self.rows(&name("triangles"), Dtype::U32, &[3])?,
+            motion: self.motion(parts.moves, &name("motion"), &[3])?,
             corner_normals: self.rows(&name("corner_normals"), Dtype::F32, &[3])?,
             uv_maps: self.uv_maps(&name("uv_map"), parts.uv_maps)?,
             color_attributes: self.attributes(&name("color_attribute"), parts.color_attributes)?,
@@ -131,6 +132,7 @@ impl Arrays<'_> {
             first_number: parts.first_number,
             keys: self.rows(&name("keys"), Dtype::F32, &[3])?,
             radii: self.rows(&name("radii"), Dtype::F32, &[])?,
+            motion: self.motion(parts.moves, &name("motion"), &[4])?,
             first_keys: self.rows(&name("first_keys"), Dtype::U32, &[])?,
             uv_maps: self.uv_maps(&name("uv_map"), parts.uv_maps)?,
             key_attributes: self.attributes(&name("key_attribute"), parts.key_attributes)?,
@@ -146,9 +148,14 @@ impl Arrays<'_> {
             name: parts.name,
             positions: self.rows(&name("positions"), Dtype::F32, &[3])?,
             radii: self.rows(&name("radii"), Dtype::F32, &[])?,
+            motion: self.motion(parts.moves, &name("motion"), &[4])?,
             uv_maps: self.uv_maps(&name("uv_map"), parts.uv_maps)?,
             attributes: self.attributes(&name("attribute"), parts.attributes)?,
         })
+    }
+
+    fn motion<T: Pod>(&self, moves: bool, tensor: &str, row: &[usize]) -> Result<Vec<T>, String> {
+        if moves { self.rows(tensor, Dtype::F32, row) } else { Ok(Vec::new()) }
     }
 
     fn uv_maps(&self, tensor: &str, names: Vec<String>) -> Result<Vec<UvMap>, String> {

@@ -3,10 +3,11 @@ use crate::bake::bake;
 use crate::files::names::VIEW_FILE;
 use crate::progress::Monitor;
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
-use relume_scene::glam::{Affine3A, Mat3, Vec2};
+use relume_scene::glam::{Affine3A, Mat3, Vec2, Vec4};
 use relume_scene::{
     ColorAttribute, Curves, DenseGrid, DepthOfField, Geometry, GridInterpolation, GridSet, LightRules,
-    LightShape, LobeFactors, Mesh, Points, ReceiverSet, SceneBuilder, Texels, Texture, Undisplaced, UvMap,
+    LightShape, LobeFactors, Mesh, Points, Pose, ReceiverSet, SceneBuilder, Texels, Texture, Undisplaced,
+    UvMap,
 };
 
 /// A lit scene with something of everything that a scene can have.
@@ -55,6 +56,7 @@ fn scene() -> Scene {
             shadow_terminator_offset: 0.2,
             shadow_terminator_shading: 0.4,
             visible_glossy: false,
+            motion: Pose::keys(&[Affine3A::IDENTITY, world_from_object, Affine3A::from_rotation_x(0.5)]),
             ..Instance::new("Wall", mesh, world_from_object, vec![material])
         })
         .unwrap();
@@ -102,6 +104,7 @@ fn fur() -> Curves {
         curve_attributes: tint(2),
         generated: vec![Vec3::ONE; 2],
         normals: vec![Vec3::Y; 4],
+        motion: vec![Vec4::ONE; 12],
     }
 }
 
@@ -110,6 +113,7 @@ fn dust() -> Points {
         name: "Dust".into(),
         positions: vec![Vec3::ZERO, Vec3::Z],
         radii: vec![0.1, 0.2],
+        motion: vec![Vec4::ONE; 6],
         uv_maps: vec![UvMap { name: "UVMap".into(), coords: vec![Vec2::X, Vec2::Y] }],
         attributes: vec![ColorAttribute { name: "Heat".into(), colors: vec![[0.5; 4]; 2] }],
     }
@@ -131,6 +135,7 @@ fn wall() -> Mesh {
         color_attributes: vec![ColorAttribute { name: "Rust".into(), colors: vec![[0.5, 0.4, 0.3, 1.0]; 3] }],
         material_slots: vec![0],
         texture_space: Some([Vec3::ZERO, Vec3::ONE]),
+        motion: vec![Vec3::ONE; 9],
         undisplaced: Some(Undisplaced {
             positions: vec![Vec3::NEG_X, Vec3::X, Vec3::Z],
             corner_normals: vec![Vec3::Y; 3],

@@ -79,6 +79,7 @@ fn mesh_parts(mesh: &Mesh) -> MeshParts {
         name: mesh.name.clone(),
         texture_space: mesh.texture_space,
         is_displaced: mesh.undisplaced.is_some(),
+        moves: !mesh.motion.is_empty(),
         uv_maps: map_names(&mesh.uv_maps),
         color_attributes: attribute_names(&mesh.color_attributes),
     }
@@ -89,6 +90,7 @@ fn curves_parts(curves: &Curves) -> CurvesParts {
         name: curves.name.clone(),
         shape: curves.shape,
         first_number: curves.first_number,
+        moves: !curves.motion.is_empty(),
         uv_maps: map_names(&curves.uv_maps),
         key_attributes: attribute_names(&curves.key_attributes),
         curve_attributes: attribute_names(&curves.curve_attributes),
@@ -98,6 +100,7 @@ fn curves_parts(curves: &Curves) -> CurvesParts {
 fn points_parts(points: &Points) -> PointsParts {
     PointsParts {
         name: points.name.clone(),
+        moves: !points.motion.is_empty(),
         uv_maps: map_names(&points.uv_maps),
         attributes: attribute_names(&points.attributes),
     }
@@ -139,6 +142,7 @@ impl<'a> Tensors<'a> {
         self.add(format!("{name}.triangles"), Dtype::U32, &[3], &mesh.triangles)?;
         self.add(format!("{name}.corner_normals"), Dtype::F32, &[3], &mesh.corner_normals)?;
         self.add(format!("{name}.material_slots"), Dtype::U16, &[], &mesh.material_slots)?;
+        self.add_motion(name, &[3], &mesh.motion)?;
         if let Some(before) = &mesh.undisplaced {
             self.add(format!("{name}.undisplaced_positions"), Dtype::F32, &[3], &before.positions)?;
             self.add(format!("{name}.undisplaced_normals"), Dtype::F32, &[3], &before.corner_normals)?;
@@ -153,6 +157,7 @@ impl<'a> Tensors<'a> {
         self.add(format!("{name}.first_keys"), Dtype::U32, &[], &curves.first_keys)?;
         self.add(format!("{name}.generated"), Dtype::F32, &[3], &curves.generated)?;
         self.add(format!("{name}.normals"), Dtype::F32, &[3], &curves.normals)?;
+        self.add_motion(name, &[4], &curves.motion)?;
         self.add_uv_maps(name, &curves.uv_maps)?;
         self.add_attributes(&format!("{name}.key_attribute"), &curves.key_attributes)?;
         self.add_attributes(&format!("{name}.curve_attribute"), &curves.curve_attributes)
@@ -161,8 +166,13 @@ impl<'a> Tensors<'a> {
     fn add_points(&mut self, name: &str, points: &'a Points) -> Result<(), String> {
         self.add(format!("{name}.positions"), Dtype::F32, &[3], &points.positions)?;
         self.add(format!("{name}.radii"), Dtype::F32, &[], &points.radii)?;
+        self.add_motion(name, &[4], &points.motion)?;
         self.add_uv_maps(name, &points.uv_maps)?;
         self.add_attributes(&format!("{name}.attribute"), &points.attributes)
+    }
+
+    fn add_motion<T: NoUninit>(&mut self, name: &str, row: &[usize], keys: &'a [T]) -> Result<(), String> {
+        if keys.is_empty() { Ok(()) } else { self.add(format!("{name}.motion"), Dtype::F32, row, keys) }
     }
 
     fn add_uv_maps(&mut self, name: &str, maps: &'a [UvMap]) -> Result<(), String> {
