@@ -218,6 +218,7 @@ impl PrimitiveList {
     /// obvhs's steps of a slow, good build, with a primitive a leaf: large triangles are split, then PLOC, then
     /// reinsertion.
     fn build(&self, tree: &mut Growing) -> Option<(Child, usize)> {
+        let triangles = self.triangles.len();
         let mut bounds: Vec<Aabb> = self.triangles.iter().map(Triangle::aabb).collect();
         let mut indices: Vec<u32> = (0..bounds.len() as u32).collect();
         if !bounds.is_empty() {
@@ -226,10 +227,13 @@ impl PrimitiveList {
             let mean = areas().map(f64::from).sum::<f64>() / bounds.len() as f64;
             split_aabbs_preset(&mut bounds, &mut indices, &self.triangles, mean as f32, largest);
         }
-        for (index, (placement, _)) in self.placements.iter().enumerate() {
-            bounds.push(*placement);
-            indices.push((self.triangles.len() + index) as u32);
-        }
+        // Leaves of obvhs hold numbers of primitives, and `primitive_indices` has to give each of them itself: parts of split
+        // triangles come last.
+        let (split_bounds, split_indices) = (bounds.split_off(triangles), indices.split_off(triangles));
+        bounds.extend(self.placements.iter().map(|(placement, _)| *placement));
+        indices.extend(triangles as u32..(triangles + self.placements.len()) as u32);
+        bounds.extend(split_bounds);
+        indices.extend(split_indices);
         collapse(&mut binary_tree(&bounds, indices)?, self, tree)
     }
 }

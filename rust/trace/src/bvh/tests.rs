@@ -164,6 +164,18 @@ fn instances_match_brute_force_also_mirrored_and_nested_in_each_other() {
 }
 
 #[test]
+fn instances_beside_split_triangles_match_brute_force() {
+    let mut mesh = soup(60, 0.2, 1.5, 3);
+    // Long, thin and diagonal: its box is split.
+    mesh.positions.extend([Vec3::splat(-2.0), Vec3::splat(2.0), Vec3::new(2.0, 2.0, 1.9)]);
+    mesh.triangles.push([180, 181, 182]);
+    let place = |x: i32| Affine3A::from_translation(Vec3::new(x as f32 - 2.0, 0.5, -0.3 * x as f32));
+    let shared = soup(2 * build::SHARED_MESH_TRIANGLES, 0.2, 0.5, 4);
+    let scene = scene_of(vec![(mesh, vec![Affine3A::IDENTITY]), (shared, (0..5).map(place).collect())]);
+    check(&scene, 3000, 2.5, 1e-4);
+}
+
+#[test]
 fn instancing_finds_the_same_triangles_as_copies() {
     let mesh = soup(200, 0.4, 1.0, 8);
     let places = [Affine3A::from_translation(Vec3::X), Affine3A::from_scale(Vec3::new(1.0, -1.0, 2.0))];
