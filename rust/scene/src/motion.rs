@@ -285,8 +285,12 @@ mod tests {
                     assert!(place.cmpge(min - 1e-5).all() && place.cmple(max + 1e-5).all(), "{from} {step}");
                 }
             }
-            // No wider than the way that the farthest corner could go at most.
-            assert!((max - min).max_element() < 14.0, "{min} {max}");
+            // No wider than a whole turn of the farthest corner on its way.
+            let [first, last] = [from, to].map(|time| Pose::at(&poses, time));
+            let farthest =
+                first.transform_vector3(own[1]).length().max(last.transform_vector3(own[1]).length());
+            let way = Vec3::from(last.translation - first.translation).length();
+            assert!((max - min).max_element() < 2.0 * farthest + way, "{min} {max}");
         }
     }
 
