@@ -313,21 +313,18 @@ def test_thin_film_is_exported_where_it_has_a_thickness(tree, kind):
     assert export()[0]["nodes"][-1]["film"]["thickness"] == 300.0
 
 
-@pytest.mark.parametrize("surface", [None, "ShaderNodeHoldout"])
 @pytest.mark.parametrize("volume", [None, "ShaderNodeVolumeScatter", "ShaderNodeBsdfDiffuse"])
-def test_a_volume_alone_is_passed_through_and_nothing_at_all_is_black(tree, volume, surface):
+def test_a_volume_alone_is_passed_through_and_nothing_at_all_is_black(tree, volume):
     tree, output, export = tree
-    for kind, socket in ((volume, "Volume"), (surface, "Surface")):
-        if kind is not None:
-            tree.links.new(tree.nodes.new(kind).outputs[0], output.inputs[socket])
+    if volume is not None:
+        tree.links.new(tree.nodes.new(volume).outputs[0], output.inputs["Volume"])
     material = export()[0]
     if volume is None:
         assert material["surface"] is None and "volume" not in material
     else:
-        # Surfaces do nothing within a medium, but there is one.
         expected = "volume_scatter" if "Scatter" in volume else "add_shader"
         assert material["nodes"][material["volume"]]["type"] == expected
-        assert (material["surface"] is None) == (surface is None)
+        assert material["surface"] is None
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="the convention of normal maps is new in Blender 5.2")
@@ -369,12 +366,14 @@ def test_metals_keep_their_colours_and_indices(tree, fresnel):
         assert material["nodes"][-1][field] == pytest.approx(value)
 
 
-def test_unsupported_closures_become_the_nearest_thing(tree):
+def test_closures_of_a_later_blender_are_grey_and_named(tree, monkeypatch):
     tree, output, export = tree
-    node = tree.nodes.new("ShaderNodeHoldout")
+    node = tree.nodes.new("ShaderNodeBsdfToon")
+    monkeypatch.delitem(exporter.TABLES.closures, node.bl_idname)
     tree.links.new(node.outputs[0], output.inputs["Surface"])
-    _, warnings, _ = export()
-    assert any(f"node '{node.name}' is not supported yet" in warning for warning in warnings)
+    material, warnings, _ = export()
+    assert material["nodes"][-1]["type"] == "diffuse"
+    assert any(f"node '{node.name}' (Toon BSDF) is not supported yet" in warning for warning in warnings)
 
 
 def test_empty_slots_and_materials_without_nodes(scene):

@@ -127,7 +127,11 @@ def color_text(color: Iterable[float]) -> str:
 
 
 def gain_between(before: list[float], now: list[float]) -> list[float] | None:
-    """Factor from one colour to the other, 1 of channels that stay zero; None where one was zero and no longer is."""
+    """Factor from one colour to the other; None where a channel was zero and no longer is.
+
+    It is 0 if the other is black, and 1 for channels that stay zero."""
     if any(old <= 0.0 < new for old, new in zip(before, now, strict=True)):
         return None
+    if not any(now):
+        return [0.0] * len(now)
     return [new / old if old > 0.0 else 1.0 for old, new in zip(before, now, strict=True)]

@@ -226,5 +226,3 @@ CLOSURES: dict[str, TranslateClosure] = {
     "ShaderNodeVolumeAbsorption": _nothing,
     "ShaderNodeVolumeCoefficients": _nothing,
 }
-
-FALLBACK_CLOSURES: dict[str, tuple[str, TranslateClosure]] = {}

@@ -13,7 +13,7 @@ import bpy
 from ..images import ImageExporter
 from ..object_attributes import Surroundings
 from .attribute_nodes import asked_of
-from .closures import CLOSURES, FALLBACK_CLOSURES
+from .closures import CLOSURES
 from .function_nodes import SWITCHES
 from .graph import used_tree
 from .hair import HAIR_CLOSURES, HAIR_VALUES
@@ -21,7 +21,7 @@ from .translation import DEFAULT_SURFACE, NodeTables, Translation
 from .values import VALUES
 from .volumes import DEFAULT_VOLUME, VOLUMES
 
-TABLES = NodeTables(CLOSURES | HAIR_CLOSURES | SWITCHES, FALLBACK_CLOSURES, VOLUMES, VALUES | HAIR_VALUES)
+TABLES = NodeTables(CLOSURES | HAIR_CLOSURES | SWITCHES, VOLUMES, VALUES | HAIR_VALUES)
 
 EMISSION = {"emission": ("strength", 0.0), "principled": ("emission_strength", 0.0)}
 DEEPEST = 10_000

@@ -64,8 +64,6 @@ class NodeTables(NamedTuple):
     """Functions that translate nodes, by their `bl_idname`."""
 
     closures: dict[str, TranslateClosure]
-    fallback_closures: dict[str, tuple[str, TranslateClosure]]
-    """Closures that are taken as others: words for the artist, and the function."""
     volumes: dict[str, TranslateClosure]
     """Closures of media."""
     values: dict[str, TranslateValue]
@@ -229,10 +227,6 @@ class Translation:
             return translate(self, source.node, source.context) if translate is not None else None
         if kind in self.tables.closures:
             return self.tables.closures[kind](self, source.node, source.context)
-        if kind in self.tables.fallback_closures:
-            words, translate = self.tables.fallback_closures[kind]
-            self.warn(f"node '{source.node.name}' is not supported yet; taken as {words}")
-            return translate(self, source.node, source.context)
         self.warn(f"node '{source.node.name}' ({source.node.bl_label}) is not supported yet; taken as grey diffuse")
         return self.emit(DEFAULT_SURFACE)
 
