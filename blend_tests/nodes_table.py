@@ -29,7 +29,6 @@ ELSEWHERE = {
 
 NODES: dict[str, tuple[str, str]] = {
     **dict.fromkeys(LEFT_OUT, (NONE, OTHER_ENGINE)),
-    **dict.fromkeys(TABLES.fallback_closures, (NOT, "named, and black")),
     **dict.fromkeys(
         ("NodeFrame", "NodeReroute", "NodeGroupInput", "NodeGroupOutput", "ShaderNodeGroup", "NodeComment"),
         (NONE, STRUCTURE),

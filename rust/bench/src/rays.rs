@@ -10,7 +10,7 @@ use obvhs::{
     BvhBuildParams, bvh2::builder::build_bvh2_from_tris, cwbvh::builder::build_cwbvh_from_tris, ray::RayHit,
     triangle::Triangle,
 };
-use relume_scene::Scene;
+use relume_scene::{STILL, Scene};
 use relume_trace::bvh::{Ray, RayKind, SceneBvh};
 use relume_trace::camera::CameraSampler;
 use relume_trace::filter::PixelFilter;
@@ -121,7 +121,7 @@ pub fn camera_rays(scene: &Scene) -> Vec<Ray> {
     let camera = CameraSampler::new(&scene.camera, PixelFilter::Box);
     let pixels = scene.camera.width * scene.camera.height;
     let ray = |pixel: usize| {
-        let ray = camera.ray(pixel % scene.camera.width, pixel / scene.camera.width, [0.5; 4])?;
+        let ray = camera.ray(pixel % scene.camera.width, pixel / scene.camera.width, STILL, [0.5; 4])?;
         Some(Ray::new(ray.origin, ray.direction))
     };
     (0..pixels).filter_map(ray).collect()

@@ -2,7 +2,7 @@
 
 mod motion;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, hash_map::Entry};
 
 use glam::{Affine3A, Vec3, Vec3A};
 use obvhs::{
@@ -48,7 +48,7 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
     let mut tree = Growing::default();
     let (mut first_ids, mut instance_of) = (Vec::new(), Vec::new());
     let mut world = PrimitiveList::default();
-    let mut roots = HashMap::new();
+    let mut roots: HashMap<Geometry, Vec<Option<OwnTree>>> = HashMap::new();
     for (index, instance) in scene.instances.iter().enumerate() {
         first_ids.push(instance_of.len() as u32);
         match instance.geometry {
@@ -61,10 +61,10 @@ pub(super) fn build(scene: &Scene) -> Result<Tree, BvhError> {
                 }
             }
             geometry => {
-                if !roots.contains_key(&geometry) {
-                    roots.insert(geometry, own_trees(scene, geometry, &mut tree)?);
-                }
-                let own: &[Option<OwnTree>] = &roots[&geometry];
+                let own: &[Option<OwnTree>] = match roots.entry(geometry) {
+                    Entry::Occupied(known) => known.into_mut(),
+                    Entry::Vacant(new) => new.insert(own_trees(scene, geometry, &mut tree)?),
+                };
                 if let [Some(own)] = own
                     && instance.motion.is_empty()
                 {
