@@ -161,6 +161,7 @@ def test_world_colour(room, tmp_path):
     assert_equal(*pictures(room, tmp_path))
 
 
+@pytest.mark.slow
 def test_a_fog_box_around_the_set(room, tmp_path):
     add_light(room, "POINT", name="Key", location=(-0.6, -0.4, 1.8), shadow_soft_size=0.4)
     material, tree, output = add_material("Fog")

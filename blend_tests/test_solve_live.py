@@ -155,6 +155,7 @@ def test_a_new_light_is_of_the_type_that_was_asked_for(shown, kind):
     assert 0.9 < np.log2(after[painted].mean() / before[painted].mean()) < 1.3
 
 
+@pytest.mark.slow
 def test_places_of_every_kind_are_solved(shown):
     """Objects, materials and masks, as the panel gives them."""
     plane, settings = bpy.data.objects["Plane"], shown.relume_solve

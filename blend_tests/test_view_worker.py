@@ -55,7 +55,15 @@ def same(found, expected):
     return np.array_equal(entries, wanted) and (np.array_equal(levels, places) if both else levels is places)
 
 
-@pytest.mark.parametrize("name", ["AgX, exposure and gamma", "AgX, curves", "AgX, white balance", "False Color"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "AgX, exposure and gamma",
+        pytest.param("AgX, curves", marks=pytest.mark.slow),
+        "AgX, white balance",
+        pytest.param("False Color", marks=pytest.mark.slow),
+    ],
+)
 def test_its_tables_and_files_are_those_of_this_blender(scene, worker, tmp_path, name):
     VIEWS[name](scene)
     here, there = tmp_path / "here.png", tmp_path / "there.png"

@@ -83,6 +83,7 @@ def test_a_ball_of_mesh_to_volume(scene, tmp_path):
     assert_equal_to_cycles(scene, tmp_path)
 
 
+@pytest.mark.slow
 def test_colours_of_a_sequence_in_an_object_that_is_scaled(scene, tmp_path):
     x, y, z = np.indices((24, 24, 24)) / 23.0
     color = np.stack([0.2 + 0.8 * x, 0.9 - 0.6 * y, 0.4 + 0.4 * z], axis=-1)
