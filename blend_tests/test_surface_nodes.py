@@ -217,9 +217,9 @@ def glowing(name, color=(0.1, 0.4, 0.9, 1.0)):
 
 @pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="thin walls are new in Blender 5.2")
 def test_panes_reflect_and_let_through(scene, tmp_path):
-    """Panes under a white sky with a blue glow below, some of them askew."""
+    """Panes under a white sky with a blue glow below, some of them askew. Rough ones are those of Blender 5.3."""
     cards = Cards(scene, columns=6)
-    for roughness in (0.0, 0.3, 0.8):
+    for roughness in (0.0, 0.3, 0.8) if bpy.app.version >= (5, 3, 0) else (0.0, 0.3):
         for film in (0.0, 400.0):
             for is_askew in (False, True):
                 name = f"{roughness} {film} {is_askew}"
