@@ -145,14 +145,15 @@ def render_cycles(scene, samples=64, channels=3, **settings):
     return pixels.reshape(height, width, -1)[..., :channels]
 
 
-def both_lit(scene, folder, samples):
-    """Pictures of a scene by Relume, baked into a folder without a warning, and by Cycles."""
+def both_lit(scene, folder, samples, channels=3):
+    """Pictures of a scene by Relume, baked into a folder without a warning, and by Cycles, from below up."""
     bpy.context.view_layer.update()
     loaded = load_scene(scene)
     assert loaded.warnings == []
     relume.bake(loaded, folder, trace_settings(scene, lambda _: None) | {"samples": samples}).wait()
-    ours = relume.Relighter(folder).relight(loaded.lights(), denoise=False)["combined"]
-    return ours, render_cycles(scene, samples=samples)
+    picture = relume.Relighter(folder).relight(loaded.lights(), denoise=False)
+    ours = np.concatenate([picture["combined"], picture["alpha"]], axis=-1)[..., :channels]
+    return ours, render_cycles(scene, samples, channels=channels)
 
 
 def update():

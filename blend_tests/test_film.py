@@ -3,12 +3,10 @@
 import bpy
 import numpy as np
 import pytest
-import relume
 
-from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
 from cards import node
-from helpers import add, add_light, add_material, add_quad, add_world, exported, render_cycles
+from helpers import add, add_light, add_material, add_quad, add_world, both_lit, exported
 
 pytestmark = pytest.mark.oldest_and_newest
 
@@ -38,14 +36,8 @@ def both(scene, folder):
     render.image_settings.color_mode = "RGBA"
     cycles.pixel_filter_type, cycles.blur_glossy = "BOX", 0.0
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
-    bpy.context.view_layer.update()
-    loaded = load_scene(scene)
-    assert loaded.warnings == []
-    relume.bake(loaded, folder, trace_settings(scene, lambda _: None) | {"samples": SAMPLES}).wait()
-    picture = relume.Relighter(folder).relight(loaded.lights(), denoise=False)
-    ours = np.concatenate([picture["combined"], picture["alpha"]], axis=-1)
-    theirs = render_cycles(scene, SAMPLES, channels=4)
-    return (image.reshape(8, cards, 8, 4)[2:-2, :, 2:-2].mean(axis=(0, 2)) for image in (ours, theirs))
+    pictures = both_lit(scene, folder, SAMPLES, channels=4)
+    return (image.reshape(8, cards, 8, 4)[2:-2, :, 2:-2].mean(axis=(0, 2)) for image in pictures)
 
 
 def lit(scene):

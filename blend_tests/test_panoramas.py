@@ -3,13 +3,10 @@
 import bpy
 import numpy as np
 import pytest
-import relume
 from mathutils import Euler
 
-from addon.engine.reading.scene import load_scene
-from addon.export import trace_settings
 from cards import node
-from helpers import add, add_light, add_material, render_cycles
+from helpers import add, add_light, add_material, both_lit
 
 pytestmark = pytest.mark.oldest_and_newest
 
@@ -59,13 +56,8 @@ def room(scene):
 def both(scene, folder):
     """RGBA by Relume and by Cycles."""
     scene.render.image_settings.color_mode = "RGBA"
-    bpy.context.view_layer.update()
-    loaded = load_scene(scene)
-    assert loaded.warnings == []
-    relume.bake(loaded, folder, trace_settings(scene, lambda _: None) | {"samples": SAMPLES}).wait()
-    picture = relume.Relighter(folder).relight(loaded.lights(), denoise=False)
-    ours = np.concatenate([picture["combined"], picture["alpha"]], axis=-1)
-    return ours, render_cycles(scene, SAMPLES, channels=4)[::-1]
+    ours, theirs = both_lit(scene, folder, SAMPLES, channels=4)
+    return ours, theirs[::-1]
 
 
 @pytest.mark.parametrize("kind", PANORAMAS)

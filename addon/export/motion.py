@@ -119,7 +119,7 @@ def owner_of(instance: bpy.types.DepsgraphObjectInstance) -> bpy.types.Object:
 
 
 Key = tuple[Any, ...]
-"""What an instance is known by in each frame."""
+"""Identity of an instance, the same in each frame."""
 
 
 def key_of(instance: bpy.types.DepsgraphObjectInstance) -> Key:
@@ -186,7 +186,7 @@ class Motion:
         return keys
 
     def camera_json(self, camera: bpy.types.Object) -> dict[str, Any]:
-        """What the description of a camera has besides, once everything was read."""
+        """Fields of motion in the description of a camera, once everything was read."""
         if self.shutter is None:
             return {}
         now = rows(camera.matrix_world)

@@ -99,7 +99,7 @@ class _WorldExporter:
         self.texture_of = texture_of
         self.world = world
         self.reader = WorldReader(builder.constant_emission)
-        """Of the rays in hand."""
+        """Reader of the world for rays of the kind in hand."""
         self.rendered: dict[str, Any] = {}
         """Textures that Cycles renders, by what they show."""
         visibility = getattr(world, "cycles_visibility", None)

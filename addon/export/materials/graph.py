@@ -40,7 +40,7 @@ class Call(NamedTuple):
     zone: bpy.types.Node
     node: bpy.types.Node
     around: Context
-    """What is around the node that evaluates it."""
+    """Surroundings of the node that evaluates it."""
 
     def as_pointer(self) -> int:
         """Number that no other evaluation has."""

@@ -18,7 +18,7 @@ pub(crate) struct PreparedMap {
     profile: Profile,
 }
 
-/// What a table is looked up by.
+/// Quantity by which a table is looked up.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum PreparedKey {
     /// The way back along a segment.

@@ -16,7 +16,7 @@ pub struct Environment {
     pub(crate) texture_from_world: Mat3,
     /// Bit per [`Lobe`] that sees it.
     pub(crate) lobes: u32,
-    /// What segments of other lobes see.
+    /// Light that segments of other lobes see.
     parts: Vec<Self>,
 }
 

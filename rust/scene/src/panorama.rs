@@ -147,7 +147,7 @@ impl Panorama {
         }
     }
 
-    /// The same panorama on a film of this width and height in millimetres.
+    /// This panorama on a film of this width and height in millimetres.
     pub fn on_sensor(self, film: Vec2) -> Self {
         match self {
             Self::FisheyeEquisolid { lens, fov, .. } => {
