@@ -59,10 +59,10 @@ TABLE = {
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
-        "rolling_shutter_*",
+        "rolling_shutter_* dicing_* max_subdivisions offscreen_*",
+        READ + ": adaptive subdivision is": "feature_set",
         NAMED: "sample_clamp_* use_fast_gi use_camera_cull use_distance_cull "
         "texture_limit_render texture_resolution_render",
-        "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
         "of nodes with scripts, which are named": "shading_system",
         "of culling, which each object names": "camera_cull_margin distance_cull_margin",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
@@ -117,9 +117,8 @@ TABLE = {
         OUTPUT: "lightgroup",
     },
     "CyclesObjectSettings": {
-        NAMED: "use_camera_cull use_distance_cull use_adaptive_subdivision",
-        READ: "use_motion_blur use_deform_motion motion_steps",
-        "of adaptive subdivision, which the object names": "dicing_rate",
+        NAMED: "use_camera_cull use_distance_cull",
+        READ: "use_motion_blur use_deform_motion motion_steps use_adaptive_subdivision dicing_rate",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         FAST_GI: "ao_distance",
         CAUSTICS: "is_caustics_*",

@@ -50,10 +50,6 @@ def warn_about_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, warn: Warn) -
     cycles = getattr(obj, "cycles", None)
     if cycles is None:
         return
-    modifier = obj.modifiers[-1] if obj.modifiers else None
-    if modifier is not None and modifier.type == "SUBSURF" and _is_adaptive(modifier, cycles, scene):
-        levels = modifier.render_levels
-        warn(f"object '{obj.name}': adaptive subdivision is not supported yet; subdivided {levels} times")
     for culling in ("camera", "distance"):
         switch = f"use_{culling}_cull"
         if scene.render.use_simplify and getattr(scene.cycles, switch) and getattr(cycles, switch):
@@ -64,14 +60,6 @@ def _limits_textures(scene: bpy.types.Scene) -> bool:
     cycles = getattr(scene, "cycles", None)
     limit = getattr(cycles, "texture_limit_render", "OFF")
     return limit != "OFF" or getattr(cycles, "texture_resolution_render", 1.0) < 1.0
-
-
-def _is_adaptive(modifier: bpy.types.SubsurfModifier, cycles: bpy.types.PropertyGroup, scene: bpy.types.Scene) -> bool:
-    if not modifier.show_render:
-        return False
-    if hasattr(modifier, "use_adaptive_subdivision"):  # From Blender 5.0 on.
-        return modifier.use_adaptive_subdivision
-    return scene.cycles.feature_set == "EXPERIMENTAL" and cycles.use_adaptive_subdivision
 
 
 def _has_strips(scene: bpy.types.Scene) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .curves import CurvesExporter, Move, Strands
+from .dicing import DicingExporter
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
 from .lamp_shaders import LampShaders
@@ -85,7 +86,8 @@ def export_scene(
     builder.set_camera(camera_json(camera, scene, size))
     frame = scene.frame_current
     with followed(depsgraph, camera, frame_set) as motion:
-        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame).run()
+        dicing = DicingExporter(depsgraph, camera, size)
+        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame, dicing).run()
         if moved := motion.camera_json(camera):
             builder.set_camera(camera_json(camera, scene, size, moved))
 
@@ -137,6 +139,7 @@ class _SceneExporter:
         convert_image: Convert,
         motion: Motion,
         frame: int,
+        dicing: DicingExporter,
     ):
         """Exports what the depsgraph shows and its motion; images are those of the frame."""
         self.builder, self.motion = builder, motion
@@ -154,7 +157,7 @@ class _SceneExporter:
             LampShaders(builder.constant_emission, builder.empty, frame),
         )
         names = asked_attributes()
-        self.geometry = GeometryExporter(builder, names)
+        self.geometry = GeometryExporter(builder, names, dicing)
         self.curves = CurvesExporter(builder, depsgraph.scene, names)
         self.points = PointsExporter(builder, names)
         self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
