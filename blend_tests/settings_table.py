@@ -60,7 +60,7 @@ TABLE = {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
         "rolling_shutter_* dicing_* max_subdivisions offscreen_*",
-        READ + ": adaptive subdivision is": "feature_set",
+        READ + " for adaptive subdivision": "feature_set",
         NAMED: "sample_clamp_* use_fast_gi use_camera_cull use_distance_cull "
         "texture_limit_render texture_resolution_render",
         "of nodes with scripts, which are named": "shading_system",

@@ -10,6 +10,7 @@ import relume
 
 import cards as cards_module
 from addon.engine.reading.scene import load_scene
+from addon.engine.staleness import fingerprints
 from addon.export import trace_settings
 from cards import Cards, differing_pixels, node
 from helpers import add_material, render_cycles, update
@@ -179,6 +180,34 @@ def test_the_modifier_stays_as_it_was(scene):
     summary(scene)
     assert [(modifier.name, modifier.show_render) for modifier in obj.modifiers] == before
     assert len(obj.data.polygons) == 1
+
+
+def test_what_dices_a_mesh_is_noticed_as_changed(scene):
+    obj = add_diced(scene)
+    viewer = scene.camera.copy()
+    scene.collection.objects.link(viewer)
+
+    def finer():
+        if OF_MODIFIER:
+            obj.modifiers[0].adaptive_pixel_size = 0.5
+        else:
+            obj.cycles.dicing_rate = 0.5
+
+    for key, edit in {
+        "settings": lambda: setattr(scene.cycles, "dicing_rate", 2.0),
+        "settings camera": lambda: setattr(scene.cycles, "dicing_camera", viewer),
+        "settings place": lambda: setattr(viewer, "location", (1.0, 2.0, 3.0)),
+        "object Diced": finer,
+    }.items():
+        kind = key if key.startswith("object") else "settings"
+        before = fingerprints.all_fingerprints(scene, scene.camera)[kind]
+        edit()
+        update()
+        assert fingerprints.all_fingerprints(scene, scene.camera)[kind] != before, key
+    assert "settings" in fingerprints.keys_of_block(viewer, scene)
+    obj.modifiers.clear()
+    update()
+    assert "dicing" not in fingerprints.all_fingerprints(scene, scene.camera)["settings"]
 
 
 def test_a_plane_in_waves_to_the_horizon_is_that_of_cycles(scene, tmp_path):

@@ -63,6 +63,7 @@ def dicing_settings(scene: bpy.types.Scene) -> list[Any] | None:
 def cage_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[bpy.types.Mesh]:
     """The mesh whose surface an object with adaptive subdivision shows. It is there within the context. Only the
     evaluated copy of the modifier is switched off meanwhile."""
+    obj = obj.original.evaluated_get(depsgraph)  # Instances are copies that Blender makes for a moment.
     if bpy.app.version < OF_CAGE:
         yield obj.to_mesh() if obj.data.is_editmode else obj.data
         return
@@ -120,9 +121,10 @@ class DicingExporter:
         else:
             pixels = modifier.adaptive_pixel_size if hasattr(modifier, "adaptive_space") else obj.cycles.dicing_rate
             edge = max(0.1, pixels * rate)
+            place = obj.original.evaluated_get(self.depsgraph).matrix_world  # As in Cycles, also of instances.
             screen = {
                 "camera": json.loads(camera_json(self.camera, self.depsgraph.scene_eval, self.size)),
-                "world_from_object": [list(row) for row in obj.matrix_world],
+                "world_from_object": [list(row) for row in place],
                 "offscreen_scale": cycles.offscreen_dicing_scale,
             }
         is_smooth = modifier.subdivision_type == "CATMULL_CLARK"
