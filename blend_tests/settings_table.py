@@ -124,7 +124,7 @@ TABLE = {
         FAST_GI: "ao_distance",
         CAUSTICS: "is_caustics_*",
     },
-    "ObjectLightLinking": {READ + ", and named of meshes that shine": "receiver_collection blocker_collection"},
+    "ObjectLightLinking": {READ: "receiver_collection blocker_collection"},
     "PointLight": LIGHT,
     "SpotLight": LIGHT,
     "AreaLight": LIGHT,
