@@ -20,6 +20,8 @@ PARTS = {
     ("object", "materials"): "'{name}' has other materials",
     ("object", "visibility"): "Visibility of '{name}' changed",
     ("object", "scatter"): "Visibility of '{name}' changed",
+    ("object", "culling"): "Culling of '{name}' was switched on or off",
+    ("settings", "culling"): "Culling of Simplify changed",
     ("object", "linking"): "Light linking of '{name}' was changed",
     ("object", "holdout"): "Holdout of '{name}' was switched on or off",
     ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
+from .culling import Culling
 from .curves import CurvesExporter, Move, Strands
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
@@ -146,6 +147,7 @@ class _SceneExporter:
         self.view_layer = depsgraph.view_layer
         self.images = ImageExporter(builder, frame, convert_image)
         self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
+        self.culling = Culling(depsgraph, camera)
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(
             lambda light: builder.add_light(json.dumps(light)),
@@ -169,6 +171,8 @@ class _SceneExporter:
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
+            if obj.type != "LIGHT" and self.culling.leaves_out(instance):
+                continue
             if instance.show_particles and self.view_layer.use_strand:
                 for strands in self.curves.of_particles(obj, self._move(instance)):
                     self._export_strands(instance, strands)

@@ -18,6 +18,7 @@ import bpy
 from ...core.diff import Fingerprint
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
+from ...export.culling import SWITCHES, culling_settings
 from ...export.curves import hides_hair, strand_shape
 from ...export.images import frame_of, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
@@ -243,6 +244,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
         found["scatter"] = "hidden"
     if obj.is_holdout:
         found["holdout"] = "on"
+    if (cycles := getattr(obj, "cycles", None)) and any(getattr(cycles, switch, False) for switch in SWITCHES):
+        found["culling"] = hashed([getattr(cycles, switch) for switch in SWITCHES])
     if linked := _linked(obj):
         found["linking"] = hashed(linked)
     if asked := _asked_of(obj):
@@ -391,6 +394,7 @@ def _settings(scene: bpy.types.Scene) -> Fingerprint:
         "volumes": str(layer.use_volumes),
         "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
+        **({"culling": hashed(culling)} if (culling := culling_settings(scene)) else {}),
     }
 
 
