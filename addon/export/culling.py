@@ -43,15 +43,13 @@ class Culling:
 
     def leaves_out(self, instance: bpy.types.DepsgraphObjectInstance) -> bool:
         """True if an instance is in no picture. Of an object that both tests ask for, both have to say so."""
-        cycles = getattr(instance.object, "cycles", None)
-        tests = [
-            test
-            for is_on, test in (
-                (self.by_camera and cycles.use_camera_cull, self._is_out_of_sight),
-                (self.by_distance and cycles.use_distance_cull, self._is_far),
-            )
-            if is_on
-        ]
+        if not (self.by_camera or self.by_distance):
+            return False
+        cycles, tests = instance.object.cycles, []
+        if self.by_camera and cycles.use_camera_cull:
+            tests.append(self._is_out_of_sight)
+        if self.by_distance and cycles.use_distance_cull:
+            tests.append(self._is_far)
         if not tests:
             return False
         box = np.array([(*corner, 1.0) for corner in instance.object.bound_box])
