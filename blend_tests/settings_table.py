@@ -60,8 +60,7 @@ TABLE = {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
         "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin",
-        NAMED: "sample_clamp_* use_fast_gi "
-        "texture_limit_render texture_resolution_render",
+        NAMED: "sample_clamp_* use_fast_gi texture_limit_render texture_resolution_render",
         "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
         "of nodes with scripts, which are named": "shading_system",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
