@@ -2,8 +2,8 @@
 Blender and asks for a decision on each.
 
 By structure: by what becomes of them, names of properties, which may end in `*`. READ: they are exported. NAMED: what
-they ask for is not in the picture, and a warning says so. REFUSED: an error says so. Any other key is a reason why they
-change no picture of Relume.
+they ask for is not in the picture, and a warning says so. REFUSED: an error says so. IN_F12: as it says. Any other key
+is a reason why they change no picture of Relume.
 """
 
 from fnmatch import fnmatchcase

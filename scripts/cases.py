@@ -142,8 +142,8 @@ def is_equal(found):
 
 
 def is_met(kept):
-    """True if a record is what its case expects, which is said in words: an equal picture where a feature may be named is
-    better still, but a note has to be there."""
+    """True if a record is what its case expects, which is said in words. Where a feature may be named, an equal picture
+    is better still; a note has to be there."""
     words = {
         "equal": r"equal|as Cycles|near|\bbut\b|region",
         "named": r"named|\bnote\b|\bsaid\b|differs",
