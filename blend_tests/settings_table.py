@@ -78,8 +78,7 @@ TABLE = {
         "for who develops Cycles": "debug_*",
     },
     "ViewLayer": {
-        READ: "material_override world_override use_sky layer_collection objects use cycles",
-        REFUSED: "use_solid",
+        READ: "material_override world_override use_sky use_solid layer_collection objects use cycles",
         READ + ": without it nothing of its kind is named": "use_strand use_volumes use_motion_blur use_grease_pencil",
         NOISE: "samples",
         FAST_GI: "use_ao",

@@ -47,6 +47,7 @@ PARTS = {
     ("camera", "lens"): "Lens or focus of the camera changed",
     ("settings", "paths"): "Bounces, filters or film of the render settings changed",
     ("settings", "override"): "The view layer has another material override",
+    ("settings", "surfaces"): "The view layer shows surfaces, or no longer does",
     ("settings", "volumes"): "The view layer shows volumes, or no longer does",
     ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
     ("motion", "shutter"): "Motion blur or its shutter changed",

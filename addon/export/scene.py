@@ -77,9 +77,6 @@ def export_scene(
     colour spaces. `frame_set` shows other frames in the depsgraph; without it nothing moves."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
-    if not depsgraph.view_layer.use_solid:
-        layer = depsgraph.view_layer.name
-        raise ExportError(f"view layer '{layer}' renders no meshes; switch on Surfaces in its filters")
     scene = depsgraph.scene_eval
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     camera = _camera_object(depsgraph, options)
@@ -184,7 +181,7 @@ class _SceneExporter:
                 self.lights.export(obj, owner_of(instance), instance.matrix_world, self.camera)
             elif obj.type == "VOLUME" or (obj.type == "MESH" and not instance.is_instance and smoke_domain(obj)):
                 self._export_volume(instance)
-            elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
+            elif obj.type == "MESH" and self.view_layer.use_solid:  # Such are curves, text and metaballs, too.
                 number = self.geometry.mesh_number(obj, self._is_displaced(obj), self._move(instance))
                 if number is not None:
                     self._place(instance, _Placed("mesh", number, self.geometry.attributes[number]))

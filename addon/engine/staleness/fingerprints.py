@@ -392,6 +392,7 @@ def _settings(scene: bpy.types.Scene) -> Fingerprint:
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
         "volumes": str(layer.use_volumes),
+        **({} if layer.use_solid else {"surfaces": "off"}),
         "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
         **({"culling": hashed(culling)} if (culling := culling_settings(scene)) else {}),
