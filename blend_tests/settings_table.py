@@ -61,9 +61,10 @@ TABLE = {
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
-        "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin",
+        "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin dicing_* "
+        "max_subdivisions offscreen_*",
+        READ + " for adaptive subdivision": "feature_set",
         NAMED: "sample_clamp_* use_fast_gi texture_limit_render texture_resolution_render",
-        "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
         "of nodes with scripts, which are named": "shading_system",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
         "use_adaptive_sampling adaptive_* direct_light_sampling_type use_light_tree use_guiding* "
@@ -116,9 +117,8 @@ TABLE = {
         OUTPUT: "lightgroup",
     },
     "CyclesObjectSettings": {
-        NAMED: "use_adaptive_subdivision",
-        READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull",
-        "of adaptive subdivision, which the object names": "dicing_rate",
+        READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull use_adaptive_subdivision "
+        "dicing_rate",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         FAST_GI: "ao_distance",
         CAUSTICS: "is_caustics_*",

@@ -16,10 +16,10 @@ from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .culling import Culling
 from .curves import CurvesExporter, Move, Strands
+from .dicing import DicingExporter
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
 from .lamp_shaders import LampShaders
-from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
@@ -83,7 +83,8 @@ def export_scene(
     builder.set_camera(camera_json(camera, scene, size))
     frame = scene.frame_current
     with followed(depsgraph, camera, frame_set) as motion:
-        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame).run()
+        dicing = DicingExporter(depsgraph, camera, size)
+        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame, dicing).run()
         if moved := motion.camera_json(camera):
             builder.set_camera(camera_json(camera, scene, size, moved))
 
@@ -135,6 +136,7 @@ class _SceneExporter:
         convert_image: Convert,
         motion: Motion,
         frame: int,
+        dicing: DicingExporter,
     ):
         """Exports what the depsgraph shows and its motion; images are those of the frame."""
         self.builder, self.motion = builder, motion
@@ -153,7 +155,7 @@ class _SceneExporter:
             LampShaders(builder.constant_emission, builder.empty, frame),
         )
         names = asked_attributes()
-        self.geometry = GeometryExporter(builder, names)
+        self.geometry = GeometryExporter(builder, names, dicing)
         self.curves = CurvesExporter(builder, depsgraph.scene, names)
         self.points = PointsExporter(builder, names)
         self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
@@ -243,7 +245,6 @@ class _SceneExporter:
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed, is_instance: bool) -> _Shared:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
-        warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
         number = self.materials.number_in_volume if placed.is_hull else self.materials.number
         materials = [number(material, obj.name) for material in self._slots(obj)]
         if placed.kind != "mesh":
