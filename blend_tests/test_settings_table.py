@@ -95,7 +95,6 @@ def set_light(name, value):
         (subdivided, "object 'Plane': adaptive subdivision is not supported yet; subdivided 1 times"),
         (set_cycles("sample_clamp_direct", 1.0), "clamping"),
         (set_cycles("use_fast_gi", True), "Fast GI"),
-        (set_object("is_shadow_catcher"), "object 'Plane': shadow catcher"),
         (set_light("is_caustics_light", True), "light 'Lamp'"),
     ],
     ids=lambda value: getattr(value, "__name__", None),

@@ -21,6 +21,7 @@ PARTS = {
     ("object", "visibility"): "Visibility of '{name}' changed",
     ("object", "scatter"): "Visibility of '{name}' changed",
     ("object", "holdout"): "Holdout of '{name}' was switched on or off",
+    ("object", "catcher"): "Shadow Catcher of '{name}' was switched on or off",
     ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",
     ("object", "attributes"): "Custom properties of '{name}' changed",
     ("object", "motion"): "Motion blur settings of '{name}' changed",

@@ -242,6 +242,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
         found["scatter"] = "hidden"
     if obj.is_holdout:
         found["holdout"] = "on"
+    if obj.is_shadow_catcher and obj.type != "LIGHT":
+        found["catcher"] = "on"
     if asked := _asked_of(obj):
         found["attributes"] = hashed(asked)
     if obj.data is not None:
