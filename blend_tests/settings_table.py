@@ -59,12 +59,11 @@ TABLE = {
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
-        "rolling_shutter_*",
-        NAMED: "sample_clamp_* use_fast_gi use_camera_cull use_distance_cull "
+        "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin",
+        NAMED: "sample_clamp_* use_fast_gi "
         "texture_limit_render texture_resolution_render",
         "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
         "of nodes with scripts, which are named": "shading_system",
-        "of culling, which each object names": "camera_cull_margin distance_cull_margin",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
         "use_adaptive_sampling adaptive_* direct_light_sampling_type use_light_tree use_guiding* "
         "use_deterministic_guiding guiding_* use_surface_guiding surface_guiding_* use_volume_guiding volume_guiding_* "
@@ -118,14 +117,14 @@ TABLE = {
         OUTPUT: "lightgroup",
     },
     "CyclesObjectSettings": {
-        NAMED: "use_camera_cull use_distance_cull use_adaptive_subdivision",
-        READ: "use_motion_blur use_deform_motion motion_steps",
+        NAMED: "use_adaptive_subdivision",
+        READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull",
         "of adaptive subdivision, which the object names": "dicing_rate",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         FAST_GI: "ao_distance",
         CAUSTICS: "is_caustics_*",
     },
-    "ObjectLightLinking": {READ + ", and named of meshes that shine": "receiver_collection blocker_collection"},
+    "ObjectLightLinking": {READ: "receiver_collection blocker_collection"},
     "PointLight": LIGHT,
     "SpotLight": LIGHT,
     "AreaLight": LIGHT,

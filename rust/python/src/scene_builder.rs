@@ -177,7 +177,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, is_shadow_catcher=false, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, is_shadow_catcher=false, links=None, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -197,6 +197,7 @@ impl PySceneBuilder {
         visible_shadow: bool,
         is_holdout: bool,
         is_shadow_catcher: bool,
+        links: Option<Links>,
         density_factor: f32,
         grids: Option<usize>,
         attributes: Vec<(String, [f32; 4])>,
@@ -224,6 +225,7 @@ impl PySceneBuilder {
             visible_shadow,
             is_holdout,
             is_shadow_catcher,
+            links: links.map(emitter_links),
             density_factor,
             grids,
             attributes,
@@ -435,6 +437,19 @@ impl PySceneBuilder {
         })?;
         Ok(PyScene { scene: Arc::new(scene) })
     }
+}
+
+/// Receivers and blockers of what shines on an object; None for everything.
+type Links = (Option<Vec<u16>>, Option<Vec<u16>>);
+
+fn emitter_links((receivers, blockers): Links) -> Box<scene::EmitterLinks> {
+    let [receivers, blockers] = [receivers, blockers].map(|numbers| {
+        numbers.map(|mut receivers| {
+            receivers.sort_unstable();
+            scene::ReceiverSet { receivers }
+        })
+    });
+    Box::new(scene::EmitterLinks { receivers, blockers })
 }
 
 fn strand_shape(shape: &str, subdivisions: u8) -> PyResult<scene::StrandShape> {

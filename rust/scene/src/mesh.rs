@@ -1,6 +1,6 @@
 use glam::{Affine3A, BVec3, Vec2, Vec3};
 
-use crate::{Displaceable, Geometry, Pose, Scene, Undisplaced};
+use crate::{Displaceable, EmitterLinks, Geometry, Pose, Scene, Undisplaced};
 
 /// A triangle mesh in object space. Corner `3 t + c` is corner `c` of triangle `t`.
 #[derive(Clone, Debug, Default)]
@@ -124,6 +124,9 @@ pub struct Instance {
     /// Shadow catcher: the camera sees only what other objects take from its light, or add to it. Holdouts are none.
     #[serde(default, skip_serializing_if = "is_no")]
     pub is_shadow_catcher: bool,
+    /// Light linking of what shines on it; none where it shines on everything and everything blocks it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub links: Option<Box<EmitterLinks>>,
     /// Factor on the density of the medium inside (Cycles' volume density of an object, in object or world space).
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub density_factor: f32,
@@ -199,6 +202,7 @@ impl Instance {
             visible_shadow: true,
             is_holdout: false,
             is_shadow_catcher: false,
+            links: None,
             density_factor: 1.0,
         }
     }

@@ -2,6 +2,7 @@
 
 mod catcher;
 mod collision;
+mod emission;
 mod features;
 mod probes;
 mod shadow_path;
@@ -28,13 +29,13 @@ use crate::{
     environment::EnvironmentLight,
     guide::{Cones, Guide},
     light_classes::LightClasses,
-    media::{HullCrossing, Media, MediaScratch, ShadowMedia, TrackingNumbers},
+    media::{Media, MediaScratch, TrackingNumbers},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
     sampler::{Draws, PixelSampler},
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
-    static_light::{LastBounce, ShadowTracer, StaticLights, StaticSample},
+    static_light::{LastBounce, StaticLights},
     vertex::Vertex,
 };
 
@@ -296,22 +297,6 @@ impl Integrator<'_> {
         self.scatter(walk, point, [u[0], u[1], u[2]], guide, scratch, features, draws, sink)
     }
 
-    fn collect_emission(
-        &self,
-        path: &PathState,
-        point: &SurfacePoint,
-        last: Option<LastBounce>,
-        surface: &Surface,
-        features: &mut Features,
-    ) {
-        let emission = surface.emission();
-        if emission != Vec3::ZERO {
-            let weight =
-                self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, self.scene, point));
-            features.sample.emission += path.throughput * emission * weight;
-        }
-    }
-
     /// Sends the path on from a surface, or says that it ends there.
     fn scatter(
         &self,
@@ -405,48 +390,6 @@ impl Integrator<'_> {
             media.cross_at(self.scene, triangle, point.backfacing, &mut route.stack);
         }
         walk.begin_segment(point.position);
-    }
-
-    /// Adds light that comes straight from the scene's own emitters to a vertex.
-    fn add_static_light(
-        &self,
-        path: &PathState,
-        route: Option<&Route>,
-        vertex: Vertex<'_>,
-        cones: Option<&Cones>,
-        shadow: &mut Surface,
-        scratch: &mut MediaScratch,
-        features: &mut Features,
-        draws: Draws,
-    ) {
-        let Some(lights) = &self.lights else { return };
-        let media = match (&self.media, route) {
-            (Some(media), Some(route)) => Some(ShadowMedia {
-                space: self.space(media, vertex.time()),
-                stack: route.stack,
-                crossing: HullCrossing::default(),
-                numbers: TrackingNumbers::new(draws.at(SHADOW_GROUP)),
-                scratch,
-            }),
-            _ => None,
-        };
-        let mut tracer = ShadowTracer {
-            scene: self.scene,
-            bvh: &self.bvh,
-            materials: &self.materials,
-            environment: &self.environment,
-            ray: path.ray_info(),
-            cones,
-            transparent_left: path.transparent_left(&self.settings.bounces),
-            catchers_only: path.catchers_only,
-            media,
-        };
-        let on_film = path.throughput * self.settings.film_exposure;
-        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draws.at(1)) {
-            Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
-            Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
-            None => {}
-        }
     }
 
     /// Defensive sampling and Filter Glossy (Cycles' `surface_shader_prepare_closures`).

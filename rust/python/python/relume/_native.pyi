@@ -102,6 +102,7 @@ class SceneBuilder:
         visible_shadow: bool = True,
         is_holdout: bool = False,
         is_shadow_catcher: bool = False,
+        links: tuple[list[int] | None, list[int] | None] | None = None,
         density_factor: float = 1.0,
         grids: int | None = None,
         attributes: Sequence[tuple[str, Sequence[float]]] = (),

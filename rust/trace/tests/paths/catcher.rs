@@ -12,8 +12,11 @@ use crate::support::*;
 fn covered_floor() -> Scene {
     let mut scene = Scene::default();
     add(&mut scene, square(0.0), Affine3A::from_scale(Vec3::splat(50.0)), diffuse(0.5));
-    let lid =
-        Affine3A::from_scale_rotation_translation(Vec3::splat(50.0), Quat::IDENTITY, Vec3::new(50.0, 0.0, 0.5));
+    let lid = Affine3A::from_scale_rotation_translation(
+        Vec3::splat(50.0),
+        Quat::IDENTITY,
+        Vec3::new(50.0, 0.0, 0.5),
+    );
     add(&mut scene, square(0.0), lid, diffuse(0.0));
     scene.instances[0].is_shadow_catcher = true;
     scene.instances[1].visible_camera = false;
