@@ -90,6 +90,7 @@ TABLE = {
         VIEWS: "active_layer_collection depsgraph",
     },
     "CyclesRenderLayerSettings": {
+        READ: "use_pass_shadow_catcher",
         OUTPUT: "pass_* use_pass_* denoising_*",
         "Relume has its own denoiser": "use_denoising",
     },
@@ -101,8 +102,8 @@ TABLE = {
     "Object": {
         READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
         "visible_transmission visible_volume_scatter visible_shadow light_linking cycles "
-        "is_holdout",
-        NAMED: "is_shadow_catcher modifiers particle_systems",
+        "is_holdout is_shadow_catcher",
+        NAMED: "modifiers particle_systems",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
         "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
@@ -117,8 +118,8 @@ TABLE = {
         OUTPUT: "lightgroup",
     },
     "CyclesObjectSettings": {
-        READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull use_adaptive_subdivision "
-        "dicing_rate",
+        READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull "
+        "use_adaptive_subdivision dicing_rate",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         FAST_GI: "ao_distance",
         CAUSTICS: "is_caustics_*",

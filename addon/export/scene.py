@@ -192,6 +192,9 @@ class _SceneExporter:
                     self._export_strands(instance, strands)
             elif obj.type == "POINTCLOUD" and (cloud := self.points.of_cloud(obj, self._move(instance))) is not None:
                 self._place(instance, _Placed("points", *cloud))
+        if any(shared.settings["is_shadow_catcher"] for shared in self.shared.values()):
+            for name in self.lights.not_on_catchers:
+                self.builder.warn(f"light '{name}': it cannot be kept from shadow catchers; it lights them too")
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
         world = world_of(scene, view_layer)
         volume = self.materials.world_volume(world) if world is not None else None
@@ -243,8 +246,6 @@ class _SceneExporter:
         )
 
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed, is_instance: bool) -> _Shared:
-        for each in dict.fromkeys((obj.original, owner)):
-            self._warn_about_rays(each)
         number = self.materials.number_in_volume if placed.is_hull else self.materials.number
         materials = [number(material, obj.name) for material in self._slots(obj)]
         if placed.kind != "mesh":
@@ -260,6 +261,7 @@ class _SceneExporter:
             "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
+            "is_shadow_catcher": obj.is_shadow_catcher or owner.is_shadow_catcher,
             **self._links(owner, materials),
             "is_holdout": owner.is_holdout or owner.holdout_get(view_layer=self.view_layer),
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
@@ -304,11 +306,6 @@ class _SceneExporter:
             warn(f"object '{name}': {UNSUPPORTED_TYPES[obj.type]} are not supported yet; left out")
         elif obj.type == "CURVE" and obj.original.type != "CURVE":
             warn(f"object '{name}': curves that its geometry nodes leave without a profile are left out, as by Cycles")
-
-    def _warn_about_rays(self, obj: bpy.types.Object) -> None:
-        warn, name = self.builder.warn, obj.name
-        if obj.is_shadow_catcher:
-            warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
 
     def _links(self, owner: bpy.types.Object, materials: list[int]) -> dict[str, Any]:
         """Light linking and shadow linking of what shines."""

@@ -246,6 +246,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
         found["scatter"] = "hidden"
     if obj.is_holdout:
         found["holdout"] = "on"
+    if obj.is_shadow_catcher and obj.type != "LIGHT":
+        found["catcher"] = "on"
     if (cycles := getattr(obj, "cycles", None)) and any(getattr(cycles, switch, False) for switch in SWITCHES):
         found["culling"] = hashed([getattr(cycles, switch) for switch in SWITCHES])
     if linked := _linked(obj):

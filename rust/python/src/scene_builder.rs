@@ -187,7 +187,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, links=None, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, is_shadow_catcher=false, links=None, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -206,6 +206,7 @@ impl PySceneBuilder {
         visible_volume_scatter: bool,
         visible_shadow: bool,
         is_holdout: bool,
+        is_shadow_catcher: bool,
         links: Option<Links>,
         density_factor: f32,
         grids: Option<usize>,
@@ -233,6 +234,7 @@ impl PySceneBuilder {
             visible_volume_scatter,
             visible_shadow,
             is_holdout,
+            is_shadow_catcher,
             links: links.map(emitter_links),
             density_factor,
             grids,
