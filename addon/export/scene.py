@@ -17,13 +17,14 @@ from .camera import camera_json, film_size
 from .curves import CurvesExporter, Move, Strands
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
+from .instance_attributes import InstanceAttributes, UnknownInstanceError
 from .lamp_shaders import LampShaders
 from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
 from .motion import FrameSet, Motion, followed, owner_of
-from .object_attributes import asks_instancer, surroundings_of, values_of_instance
+from .object_attributes import Rgba, surroundings_of, values_of_instance
 from .points import PointsExporter
 from .volumes import VolumeExporter, density_factor, has_velocity, smoke_domain
 from .world import Space, WorldRenderError, export_world, world_of
@@ -159,6 +160,9 @@ class _SceneExporter:
         self.points = PointsExporter(builder, names)
         self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
         self.may_displace = any(material.displacement_method != "BUMP" for material in bpy.data.materials)
+        self.given = InstanceAttributes()
+        self.not_given: set[int] = set()
+        """Uids of objects whose instances have attributes that are not known."""
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, str, int], _Shared] = {}
@@ -222,9 +226,10 @@ class _SceneExporter:
         owner = owner_of(instance).original
         key = obj.original.session_uid, owner.session_uid, placed.kind, placed.number
         if key not in self.shared:
-            self.shared[key] = self._shared(obj, owner, placed, instance.is_instance)
+            self.shared[key] = self._shared(obj, owner, placed)
         shared = self.shared[key]
-        attributes = {"attributes": values_of_instance(instance, shared.asked)} if shared.asked else {}
+        asked = shared.asked
+        attributes = {"attributes": values_of_instance(instance, asked, self._given)} if asked else {}
         moved = {"motion": keys} if (keys := self.motion.of_instance(instance)) else {}
         self.builder.add_instance(
             shared.name,
@@ -239,7 +244,7 @@ class _SceneExporter:
             **volume,
         )
 
-    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed, is_instance: bool) -> _Shared:
+    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed) -> _Shared:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
         warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
@@ -264,10 +269,18 @@ class _SceneExporter:
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
         asked = set().union(*(self.materials.of_objects.get(number, ()) for number in materials))
-        if is_instance and asks_instancer(asked) and any(each.type == "NODES" for each in owner.modifiers):
-            words = "attributes that nodes give their instances are not known; those of the instancer are taken"
-            self.builder.warn(f"object '{obj.name}': {words}")
         return _Shared(obj.name, materials, settings, asked)
+
+    def _given(self, instance: bpy.types.DepsgraphObjectInstance, name: str) -> Rgba | None:
+        """An attribute that nodes give an instance."""
+        try:
+            return self.given.find(instance, name)
+        except UnknownInstanceError:
+            if (uid := instance.object.original.session_uid) not in self.not_given:
+                self.not_given.add(uid)
+                words = "attributes that nodes give their instances are not known; those of the instancer are taken"
+                self.builder.warn(f"object '{instance.object.name}': {words}")
+            return None
 
     def _slots(self, obj: bpy.types.Object) -> list[bpy.types.Material | None]:
         """Materials of an evaluated object: it has a slot for each of its mesh."""
