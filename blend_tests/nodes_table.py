@@ -60,7 +60,7 @@ OPTIONS: dict[tuple[str, str, str], tuple[str, str]] = {
     ),
     ("ShaderNodeNormalMap", "space", "BLENDER_OBJECT"): (APPROXIMATED, "Cycles is brighter where normals turn away"),
     ("ShaderNodeNormalMap", "space", "BLENDER_WORLD"): (APPROXIMATED, "Cycles is brighter where normals turn away"),
-    ("ShaderNodeAttribute", "attribute_type", "INSTANCER"): (APPROXIMATED, "not what geometry nodes give instances"),
+    ("ShaderNodeAttribute", "attribute_type", "INSTANCER"): (APPROXIMATED, "without what geometry nodes give, before Blender 4.5"),
 }
 """Items of properties that differ from their node."""
 

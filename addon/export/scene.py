@@ -163,6 +163,7 @@ class _SceneExporter:
         self.given = InstanceAttributes()
         self.not_given: set[int] = set()
         """Uids of objects whose instances have attributes that are not known."""
+        self.casts_rays = bpy.app.version >= (5, 3, 0) and casts_rays()
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, str, int], _Shared] = {}
@@ -319,6 +320,8 @@ class _SceneExporter:
 
     def _warn_about_rays(self, obj: bpy.types.Object) -> None:
         warn, name = self.builder.warn, obj.name
+        if self.casts_rays and not getattr(obj, "visible_raycast", True):
+            warn(f"object '{name}': rays of the node Raycast meet it all the same")
         if obj.is_shadow_catcher:
             warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
 
@@ -352,3 +355,9 @@ def shadow_terminator(obj: bpy.types.Object) -> tuple[float, float]:
         return obj.shadow_terminator_geometry_offset, obj.shadow_terminator_shading_offset
     cycles = getattr(obj, "cycles", None)
     return (cycles.shadow_terminator_geometry_offset, cycles.shadow_terminator_offset) if cycles else (0.1, 0.0)
+
+
+def casts_rays() -> bool:
+    """True if a node of the file sends rays that objects may be hidden from."""
+    trees = [*(material.node_tree for material in bpy.data.materials), *bpy.data.node_groups]
+    return any(node.bl_idname == "ShaderNodeRaycast" for tree in trees if tree is not None for node in tree.nodes)
