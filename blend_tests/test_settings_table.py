@@ -49,11 +49,6 @@ def subdivided(scene):
         scene.cycles.feature_set, obj.cycles.use_adaptive_subdivision = "EXPERIMENTAL", True
 
 
-def culled(scene):
-    scene.render.use_simplify = scene.cycles.use_camera_cull = True
-    scene.objects["Plane"].cycles.use_camera_cull = True
-
-
 def smaller_textures(scene):
     scene.render.use_simplify, scene.cycles.texture_limit_render = True, "512"
 
@@ -91,7 +86,6 @@ def set_light(name, value):
         (strips, "scene 'Scene': the video sequencer"),
         (second_layer, "of its view layers only 'ViewLayer' is in the picture, not 'Foreground'"),
         (smaller_textures, "scene 'Scene': the texture limit of Simplify"),
-        (culled, "object 'Plane': camera culling"),
         (subdivided, "object 'Plane': adaptive subdivision is not supported yet; subdivided 1 times"),
         (set_cycles("sample_clamp_direct", 1.0), "clamping"),
         (set_cycles("use_fast_gi", True), "Fast GI"),

@@ -54,10 +54,6 @@ def warn_about_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, warn: Warn) -
     if modifier is not None and modifier.type == "SUBSURF" and _is_adaptive(modifier, cycles, scene):
         levels = modifier.render_levels
         warn(f"object '{obj.name}': adaptive subdivision is not supported yet; subdivided {levels} times")
-    for culling in ("camera", "distance"):
-        switch = f"use_{culling}_cull"
-        if scene.render.use_simplify and getattr(scene.cycles, switch) and getattr(cycles, switch):
-            warn(f"object '{obj.name}': {culling} culling of Simplify is not supported; it is always there")
 
 
 def _limits_textures(scene: bpy.types.Scene) -> bool:

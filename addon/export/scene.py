@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
+from .culling import Culling
 from .curves import CurvesExporter, Move, Strands
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
@@ -147,6 +148,7 @@ class _SceneExporter:
         self.view_layer = depsgraph.view_layer
         self.images = ImageExporter(builder, frame, convert_image)
         self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
+        self.culling = Culling(depsgraph, camera)
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
         self.lights = LightExporter(
             lambda light: builder.add_light(json.dumps(light)),
@@ -174,6 +176,8 @@ class _SceneExporter:
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
+            if obj.type != "LIGHT" and self.culling.leaves_out(instance):
+                continue
             if instance.show_particles and self.view_layer.use_strand:
                 for strands in self.curves.of_particles(obj, self._move(instance)):
                     self._export_strands(instance, strands)
@@ -253,8 +257,6 @@ class _SceneExporter:
         materials = [number(material, obj.name) for material in self._slots(obj)]
         if placed.kind != "mesh":
             materials = materials[min(placed.material_slot, len(materials) - 1) :][:1]
-        if self.materials.emissive.intersection(materials):
-            self._warn_about_emitter(obj)
         if not placed.is_hull:
             self._warn_about_attributes(obj, placed, materials)
             self._warn_about_holes(obj, placed, materials)
@@ -266,6 +268,7 @@ class _SceneExporter:
             "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
+            **self._links(owner, materials),
             "is_holdout": owner.is_holdout or owner.holdout_get(view_layer=self.view_layer),
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
@@ -325,12 +328,17 @@ class _SceneExporter:
         if obj.is_shadow_catcher:
             warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
 
-    def _warn_about_emitter(self, obj: bpy.types.Object) -> None:
-        warn, name, linking = self.builder.warn, obj.name, obj.light_linking
-        if linking.receiver_collection is not None:
-            warn(f"object '{name}': light linking of meshes is not supported; it shines on everything")
-        if linking.blocker_collection is not None:
-            warn(f"object '{name}': shadow linking is not supported; every object blocks its light")
+    def _links(self, owner: bpy.types.Object, materials: list[int]) -> dict[str, Any]:
+        """Light linking and shadow linking of what shines."""
+        if not self.materials.emissive.intersection(materials):
+            return {}
+        links = self.linking.receivers(owner), self.linking.blockers(owner)
+        if links == (None, None):
+            return {}
+        if self.materials.filled.intersection(materials, self.materials.emissive):
+            words = "light linking of volumes that glow is not supported; they shine on everything"
+            self.builder.warn(f"object '{owner.name}': {words}")
+        return {"links": links}
 
     def _warn_about_holes(self, obj: bpy.types.Object, placed: _Placed, materials: list[int]) -> None:
         if placed.kind == "mesh" and self.materials.filled.intersection(materials) and is_open(shown_mesh(obj)):

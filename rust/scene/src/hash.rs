@@ -197,6 +197,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if instance.is_holdout {
         json(hasher, &"holdout");
     }
+    if let Some(links) = &instance.links {
+        json(hasher, &("links", links));
+    }
 }
 
 fn hash_grid(hasher: &mut Hasher, grid: &Grid) {
@@ -249,6 +252,7 @@ mod tests {
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
             |scene| scene.instances[0].is_holdout = true,
+            |scene| scene.instances[0].links = Some(Box::default()),
             |scene| scene.instances[0].density_factor = 0.5,
             |scene| scene.meshes[0].motion = vec![Vec3::ONE; 3],
             |scene| scene.instances[0].motion = poses(),

@@ -55,7 +55,7 @@ pub use glam;
 pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};
 pub use hair::{HairComponent, HairModel, HairPigment, PrincipledHair};
 pub use ies::{IesBorder, IesError, IesProfile, IesSource};
-pub use light::{Light, LightRules, LightShape, LobeFactors, ReceiverSet};
+pub use light::{EmitterLinks, Light, LightRules, LightShape, LobeFactors, ReceiverSet};
 pub use light_lanes::{LANES, lane};
 pub use material::{Input, Material, NodeId, Output};
 pub use mesh::{ColorAttribute, Instance, Mesh, UvMap};

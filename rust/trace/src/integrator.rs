@@ -309,7 +309,9 @@ impl Integrator<'_> {
         features: &mut Features,
     ) {
         let emission = surface.emission();
-        if emission != Vec3::ZERO {
+        let links = self.scene.instances[point.instance as usize].links.as_deref();
+        let is_unlit = links.is_some_and(|links| path.lobe != Lobe::Camera && !links.light(path.receiver));
+        if emission != Vec3::ZERO && !is_unlit {
             let weight =
                 self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, self.scene, point));
             features.sample.emission += path.throughput * emission * weight;
@@ -434,12 +436,18 @@ impl Integrator<'_> {
             }),
             _ => None,
         };
+        let receiver = match (vertex, &self.media, route) {
+            (Vertex::Surface { point, .. }, ..) => self.scene.instances[point.instance as usize].receiver,
+            (Vertex::Medium { .. }, Some(media), Some(route)) => media.receiver(&route.stack),
+            _ => path.receiver,
+        };
         let mut tracer = ShadowTracer {
             scene: self.scene,
             bvh: &self.bvh,
             materials: &self.materials,
             environment: &self.environment,
             ray: path.ray_info(),
+            receiver,
             cones,
             transparent_left: path.transparent_left(&self.settings.bounces),
             media,

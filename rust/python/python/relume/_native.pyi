@@ -101,6 +101,7 @@ class SceneBuilder:
         visible_volume_scatter: bool = True,
         visible_shadow: bool = True,
         is_holdout: bool = False,
+        links: tuple[list[int] | None, list[int] | None] | None = None,
         density_factor: float = 1.0,
         grids: int | None = None,
         attributes: Sequence[tuple[str, Sequence[float]]] = (),

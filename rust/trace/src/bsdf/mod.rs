@@ -19,6 +19,7 @@ mod hair;
 mod microfacet;
 mod normal;
 mod observer;
+mod sample;
 mod sheen;
 mod surface;
 #[cfg(test)]
@@ -44,7 +45,8 @@ pub use hair::{
 };
 pub use microfacet::{Fresnel, Interface, Microfacet};
 pub use normal::{SampleReach, SideNormals, ensure_valid_reflection};
+pub use sample::BsdfSample;
 pub use sheen::Sheen;
-pub use surface::{BsdfSample, Caustics, Surface, WEIGHT_CUTOFF};
+pub use surface::{Caustics, Surface, WEIGHT_CUTOFF};
 pub use toon::Toon;
 pub use velvet::Velvet;
