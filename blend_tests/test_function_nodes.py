@@ -166,7 +166,12 @@ def test_zones_closures_and_bundles_are_followed(scene, tmp_path):
 
     tree, output = cards.add("joined bundles")
     joined, separate = tree.nodes.new("NodeJoinBundle"), tree.nodes.new("NodeSeparateBundle")
-    for name, color in (("Tint", (0.1, 0.6, 0.3, 1.0)), ("Shade", (0.5, 0.1, 0.2, 1.0)), ("Tint", (0.9, 0.2, 0.7, 1.0))):
+    first, other, again = (
+        ("Tint", (0.1, 0.6, 0.3, 1.0)),
+        ("Shade", (0.5, 0.1, 0.2, 1.0)),
+        ("Tint", (0.9, 0.2, 0.7, 1.0)),
+    )
+    for name, color in (first, other, again):
         combined, reroute = tree.nodes.new("NodeCombineBundle"), tree.nodes.new("NodeReroute")
         combined.bundle_items.new("RGBA", name)
         combined.inputs[name].default_value = color

@@ -31,7 +31,8 @@ class Scattering:
         return node(self.tree, kind, inputs, **settings)
 
     def at_places(self, instance, **inputs):
-        return self.node("GeometryNodeInstanceOnPoints", {"Points": self.points, "Instance": instance, **inputs}).outputs[0]
+        inputs |= {"Points": self.points, "Instance": instance}
+        return self.node("GeometryNodeInstanceOnPoints", inputs).outputs[0]
 
     def store(self, instances, name, kind="FLOAT", scale=0.2):
         """Instances with an attribute that depends on their index."""

@@ -6,7 +6,6 @@ import pytest
 
 from addon.engine.reading.scene import load_scene
 from cards import Cards, differences, node
-from helpers import add_material, add_quad, exported
 
 pytestmark = pytest.mark.every_version
 

@@ -24,9 +24,9 @@ def dispersion(t: Translation, node: bpy.types.Node, context: Context) -> dict[s
 
 
 def _colors() -> np.ndarray:
-    """Scene-linear colours of daylight's wavelengths, by steps from the first to the last, [N, 3]. Their mean is white. Pure
-    colours are beyond every working space: what is below 0 is taken from the nearest wavelengths, since records of
-    paths hold no light below 0."""
+    """Scene-linear colours of daylight's wavelengths, by steps from the first to the last, [N, 3]. Their mean is white.
+    Pure colours are beyond every working space: what is below 0 is taken from the nearest wavelengths, since records
+    of paths hold no light below 0."""
     matched = np.array([X, Y, Z]).T * np.array(D65)[:, None]
     linear = np.array([Color(color).from_xyz_d65_to_scene_linear() for color in matched.tolist()])
     steps = 0.5 * (linear[1:] + linear[:-1])

@@ -155,9 +155,7 @@ class Constant(NamedTuple):
     """Passed nodes, as in `Source`."""
 
 
-def trace(
-    socket: bpy.types.NodeSocket, context: Context, first: bpy.types.NodeLink | None = None
-) -> Source | Constant:
+def trace(socket: bpy.types.NodeSocket, context: Context, first: bpy.types.NodeLink | None = None) -> Source | Constant:
     """Source of an input socket of a node in some groups: that of its `first` link where several lead to it."""
     start = socket
     owner, own_passed = socket, 0  # What counts where links lead nowhere, and how much is passed from there.

@@ -63,8 +63,8 @@ pub use motion::{Pose, STILL, Shutter, blend, place};
 pub use node::Node;
 pub use node_settings::{
     Alpha, BlendMode, ColorMode, Curve, Distribution, IntegerMathOp, MapRangeKind, MappingKind, MathOp,
-    MetalFresnel, MixData, MultipleScattering, NormalSpace, RaycastOutput, SheenModel, SurfaceBase, TangentKind, TexCoord,
-    ToonComponent, VectorMathOp,
+    MetalFresnel, MixData, MultipleScattering, NormalSpace, RaycastOutput, SheenModel, SurfaceBase,
+    TangentKind, TexCoord, ToonComponent, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use panorama::Panorama;

@@ -57,10 +57,9 @@ impl Material {
 
     /// True if its nodes look around by rays of their own.
     pub fn looks_around(&self) -> bool {
-        self.nodes.iter().any(|node| matches!(
-            node,
-            Node::AmbientOcclusion { .. } | Node::Bevel { .. } | Node::Raycast { .. }
-        ))
+        self.nodes.iter().any(|node| {
+            matches!(node, Node::AmbientOcclusion { .. } | Node::Bevel { .. } | Node::Raycast { .. })
+        })
     }
 
     /// True if rays have to find the object itself alone: from within, or for nodes that look around.

@@ -2,8 +2,9 @@ use crate::sockets::{Sockets, with_sockets};
 use crate::{
     BlendMode, ColorMode, Curve, Dispersion, Distribution, Extension, HairComponent, IesProfile,
     ImageProjection, Input, IntegerMathOp, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel,
-    MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural, RaycastOutput, SheenModel,
-    Subsurface, SurfaceBase, TangentKind, TexCoord, ThinFilm, Tile, ToonComponent, VectorMathOp,
+    MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural,
+    RaycastOutput, SheenModel, Subsurface, SurfaceBase, TangentKind, TexCoord, ThinFilm, Tile, ToonComponent,
+    VectorMathOp,
 };
 
 with_sockets! {

@@ -3,9 +3,9 @@
 use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, FilmModel, GradientKind, HairComponent,
     HairModel, HairPigment, IesProfile, ImageProjection, Input, IntegerMathOp, Interpolation, MapRangeKind,
-    MappingKind, MathOp, MetalFresnel, Metric, MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace, RaycastOutput,
-    SheenModel, SubsurfaceModel, SurfaceBase, TangentKind, TexCoord, Tile, ToonComponent, VectorMathOp,
-    VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    MappingKind, MathOp, MetalFresnel, Metric, MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace,
+    RaycastOutput, SheenModel, SubsurfaceModel, SurfaceBase, TangentKind, TexCoord, Tile, ToonComponent,
+    VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.

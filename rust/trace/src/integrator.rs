@@ -1,6 +1,7 @@
 //! Light-free paths: sampled by the BSDFs and a [`Guide`], recorded segment by segment (paper, sections 3.1 and 4.1).
 
 mod collision;
+mod direct;
 mod features;
 mod probes;
 mod shadow_path;
@@ -22,13 +23,13 @@ use crate::{
     environment::EnvironmentLight,
     guide::{Cones, Guide},
     light_classes::LightClasses,
-    media::{HullCrossing, Media, MediaScratch, ShadowMedia, TrackingNumbers},
+    media::{Media, MediaScratch, TrackingNumbers},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
     sampler::{Draws, PixelSampler},
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
-    static_light::{LastBounce, ShadowTracer, StaticLights, StaticSample},
+    static_light::{LastBounce, StaticLights},
     vertex::Vertex,
 };
 
@@ -411,53 +412,6 @@ impl Integrator<'_> {
             media.cross_at(self.scene, triangle, point.backfacing, &mut route.stack);
         }
         walk.begin_segment(point.position);
-    }
-
-    /// Adds light that comes straight from the scene's own emitters to a vertex.
-    fn add_static_light(
-        &self,
-        path: &PathState,
-        route: Option<&Route>,
-        vertex: Vertex<'_>,
-        cones: Option<&Cones>,
-        shadow: &mut Surface,
-        scratch: &mut MediaScratch,
-        features: &mut Features,
-        draws: Draws,
-    ) {
-        let Some(lights) = &self.lights else { return };
-        let media = match (&self.media, route) {
-            (Some(media), Some(route)) => Some(ShadowMedia {
-                space: self.space(media, vertex.time(), path.ray_info().shadow_from(vertex.position())),
-                stack: route.stack,
-                crossing: HullCrossing::default(),
-                numbers: TrackingNumbers::new(draws.at(SHADOW_GROUP)),
-                scratch,
-            }),
-            _ => None,
-        };
-        let receiver = match (vertex, &self.media, route) {
-            (Vertex::Surface { point, .. }, ..) => self.scene.instances[point.instance as usize].receiver,
-            (Vertex::Medium { .. }, Some(media), Some(route)) => media.receiver(&route.stack),
-            _ => path.receiver,
-        };
-        let mut tracer = ShadowTracer {
-            scene: self.scene,
-            bvh: &self.bvh,
-            materials: &self.materials,
-            environment: &self.environment,
-            ray: path.ray_info(),
-            receiver,
-            cones,
-            transparent_left: path.transparent_left(&self.settings.bounces),
-            media,
-        };
-        let on_film = path.throughput * self.settings.film_exposure;
-        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draws.at(1)) {
-            Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
-            Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
-            None => {}
-        }
     }
 
     /// Defensive sampling and Filter Glossy (Cycles' `surface_shader_prepare_closures`).

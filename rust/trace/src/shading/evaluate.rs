@@ -206,7 +206,8 @@ impl<'a> ShadingContext<'a> {
             }
             Node::Raycast { asked, only_local, position, direction, length } => {
                 let position = position.as_ref().map_or(self.point.position, |input| known.vector(input));
-                let direction = direction.as_ref().map_or(self.point.shading_normal, |input| known.vector(input));
+                let direction =
+                    direction.as_ref().map_or(self.point.shading_normal, |input| known.vector(input));
                 let cast = Cast { position, direction, length: known.float(length), only_local: *only_local };
                 return cast.tell(self, *asked);
             }
