@@ -102,8 +102,8 @@ TABLE = {
     "Object": {
         READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
         "visible_transmission visible_volume_scatter visible_shadow light_linking cycles "
-        "is_holdout is_shadow_catcher",
-        NAMED: "modifiers particle_systems",
+        "is_holdout is_shadow_catcher modifiers particle_systems",
+        NAMED: "visible_raycast",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
         "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
@@ -112,7 +112,7 @@ TABLE = {
         "use_parent_final_indices",
         VIEWS: "active_material* shader_effects empty_* image_user show_empty_* use_empty_image_alpha hide_viewport "
         "hide_select show_instancer_for_viewport display* show_* use_shape_key_edit_mode lineart use_mesh_mirror_* "
-        "animation_visualization motion_path selection_sets active_selection_set hide_surface_pick visible_raycast "
+        "animation_visualization motion_path selection_sets active_selection_set hide_surface_pick "
         "use_grease_pencil_lights",
         EEVEE: "hide_probe_*",
         OUTPUT: "lightgroup",
