@@ -2,8 +2,8 @@
 Blender and asks for a decision on each.
 
 By structure: by what becomes of them, names of properties, which may end in `*`. READ: they are exported. NAMED: what
-they ask for is not in the picture, and a warning says so. REFUSED: an error says so. Any other key is a reason why they
-change no picture of Relume.
+they ask for is not in the picture, and a warning says so. REFUSED: an error says so. IN_F12: as it says. Any other key
+is a reason why they change no picture of Relume.
 """
 
 from fnmatch import fnmatchcase
@@ -20,6 +20,7 @@ HAIR = "of hair"
 MARCHING = "of Cycles' steps through media, of which Relume has none"
 FAST_GI = "of Fast GI Approximation, which is named itself"
 CAUSTICS = "of shadow caustics, which each light that asks for them names"
+IN_F12 = "approximated: Blender adds it to F12 with Relume; live pictures and bakes are without it, which is named"
 SAME = "another unit or name of a property that is read"
 STAMP = "words burnt into the picture's file"
 
@@ -37,7 +38,8 @@ LIGHT = {
 TABLE = {
     "RenderSettings": {
         READ: "resolution_* pixel_aspect_* film_transparent border_* use_single_layer use_motion_blur motion_blur_*",
-        NAMED: "use_border use_freestyle use_compositing use_sequencer use_simplify",
+        IN_F12: "use_border use_freestyle use_compositing use_sequencer",
+        READ + " by what it limits": "use_simplify",
         REFUSED: "use_multiview",
         READ + " in F12, where Blender crops": "use_crop_to_border",
         OUTPUT: "image_settings ffmpeg dither_intensity filter_size use_placeholder use_overwrite use_file_extension "
@@ -59,12 +61,11 @@ TABLE = {
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
-        "rolling_shutter_* dicing_* max_subdivisions offscreen_*",
+        "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin dicing_* "
+        "max_subdivisions offscreen_*",
         READ + " for adaptive subdivision": "feature_set",
-        NAMED: "sample_clamp_* use_fast_gi use_camera_cull use_distance_cull "
-        "texture_limit_render texture_resolution_render",
+        NAMED: "sample_clamp_* use_fast_gi texture_limit_render texture_resolution_render",
         "of nodes with scripts, which are named": "shading_system",
-        "of culling, which each object names": "camera_cull_margin distance_cull_margin",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
         "use_adaptive_sampling adaptive_* direct_light_sampling_type use_light_tree use_guiding* "
         "use_deterministic_guiding guiding_* use_surface_guiding surface_guiding_* use_volume_guiding volume_guiding_* "
@@ -78,18 +79,18 @@ TABLE = {
         "for who develops Cycles": "debug_*",
     },
     "ViewLayer": {
-        READ: "material_override world_override use_sky layer_collection objects use cycles",
-        REFUSED: "use_solid",
+        READ: "material_override world_override use_sky use_solid layer_collection objects use cycles",
         READ + ": without it nothing of its kind is named": "use_strand use_volumes use_motion_blur use_grease_pencil",
         NOISE: "samples",
         FAST_GI: "use_ao",
         EEVEE: "eevee",
-        "Freestyle, which the scene names": "use_freestyle freestyle_settings",
+        IN_F12: "use_freestyle freestyle_settings",
         OUTPUT: "name pass_alpha_threshold aovs active_aov* lightgroups active_lightgroup* use_pass_* "
         "pass_cryptomatte_depth",
         VIEWS: "active_layer_collection depsgraph",
     },
     "CyclesRenderLayerSettings": {
+        READ: "use_pass_shadow_catcher",
         OUTPUT: "pass_* use_pass_* denoising_*",
         "Relume has its own denoiser": "use_denoising",
     },
@@ -101,8 +102,8 @@ TABLE = {
     "Object": {
         READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
         "visible_transmission visible_volume_scatter visible_shadow light_linking cycles "
-        "is_holdout",
-        NAMED: "is_shadow_catcher modifiers particle_systems",
+        "is_holdout is_shadow_catcher modifiers particle_systems",
+        NAMED: "visible_raycast",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
         "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
@@ -111,19 +112,19 @@ TABLE = {
         "use_parent_final_indices",
         VIEWS: "active_material* shader_effects empty_* image_user show_empty_* use_empty_image_alpha hide_viewport "
         "hide_select show_instancer_for_viewport display* show_* use_shape_key_edit_mode lineart use_mesh_mirror_* "
-        "animation_visualization motion_path selection_sets active_selection_set hide_surface_pick visible_raycast "
+        "animation_visualization motion_path selection_sets active_selection_set hide_surface_pick "
         "use_grease_pencil_lights",
         EEVEE: "hide_probe_*",
         OUTPUT: "lightgroup",
     },
     "CyclesObjectSettings": {
-        NAMED: "use_camera_cull use_distance_cull",
-        READ: "use_motion_blur use_deform_motion motion_steps use_adaptive_subdivision dicing_rate",
+        READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull "
+        "use_adaptive_subdivision dicing_rate",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         FAST_GI: "ao_distance",
         CAUSTICS: "is_caustics_*",
     },
-    "ObjectLightLinking": {READ + ", and named of meshes that shine": "receiver_collection blocker_collection"},
+    "ObjectLightLinking": {READ: "receiver_collection blocker_collection"},
     "PointLight": LIGHT,
     "SpotLight": LIGHT,
     "AreaLight": LIGHT,
@@ -198,7 +199,7 @@ TABLE = {
     "UnitSettings": {VIEWS: "*"},
     "Scene": {
         READ: "camera background_set world objects view_settings display_settings view_layers collection cycles render",
-        NAMED: "sequence_editor node_tree use_nodes compositing_node_group compositor_effects",
+        IN_F12: "sequence_editor node_tree use_nodes compositing_node_group compositor_effects",
         BY_DEPSGRAPH: "frame_* animation_data simulation_* use_custom_simulation_range rigidbody_world gravity "
         "use_gravity",
         HAIR: "cycles_curves",

@@ -6,7 +6,9 @@ import json
 import bpy
 import pytest
 
+from addon.core.diff import sentences
 from addon.core.receivers import with_names, with_numbers
+from addon.engine.staleness.fingerprints import all_fingerprints
 from addon.export.lights import rules_of_lights
 from cards import node
 from helpers import add_light, add_material, add_quad, both_lit
@@ -94,6 +96,55 @@ def test_light_falls_as_in_cycles(stage, case, tmp_path):
     ours, cycles = both_lit(scene, tmp_path / "bake", SAMPLES)
     # Cycles finds some of a lamp by chance, where its rules do not count.
     assert ours.mean() == pytest.approx(cycles.mean(), rel=0.02, abs=5e-4)
+
+
+def collected(*names, state="INCLUDE"):
+    """A collection of light linking with these objects."""
+    collection = bpy.data.collections.new("Linked")
+    for name in names:
+        collection.objects.link(bpy.data.objects[name])
+        collection.collection_objects[-1].light_linking.link_state = state
+    return collection
+
+
+def shines_on_floor(linking):
+    linking.receiver_collection = collected("Floor")
+
+
+def shines_on_all_but_floor(linking):
+    linking.receiver_collection = collected("Floor", state="EXCLUDE")
+
+
+def blocked_by_left(linking):
+    linking.blocker_collection = collected("Plate Left")
+
+
+@pytest.mark.parametrize(
+    "case", (shines_on_floor, shines_on_all_but_floor, blocked_by_left), ids=lambda case: case.__name__
+)
+def test_meshes_shine_as_in_cycles(stage, case, tmp_path):
+    """The floor without the mirror: in mirrors Cycles shows what shines through all that does not block it."""
+    for name in ("Right", "Left"):
+        lamp = stage.objects[name]
+        tube = add_quad(
+            stage, f"Tube {name}", size=0.4, material=shaded(f"Tube {name}", "ShaderNodeEmission", Strength=20.0)
+        )
+        tube.matrix_world = lamp.matrix_world
+        tube.location, tube.rotation_euler = lamp.location, (0.0, 0.9 if name == "Right" else -0.9, 0.0)
+        bpy.data.objects.remove(lamp)
+    if case is blocked_by_left:
+        bpy.data.objects.remove(bpy.data.objects["Mirror"])
+    stage.world.use_nodes = False
+    case(stage.objects["Tube Right"].light_linking)
+    ours, cycles = both_lit(stage, tmp_path / "bake", SAMPLES)
+    assert ours.mean() == pytest.approx(cycles.mean(), rel=0.02, abs=5e-4)
+
+
+def test_links_of_meshes_are_a_part_of_the_bake(stage):
+    before = all_fingerprints(stage, stage.camera)
+    stage.objects["Mirror"].light_linking.receiver_collection = collected("Floor")
+    said = sentences(["object Mirror"], before, all_fingerprints(stage, stage.camera))
+    assert said == ["Light linking of 'Mirror' was changed"]
 
 
 def test_rules_are_a_part_of_the_bake(stage):

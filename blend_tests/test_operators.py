@@ -302,7 +302,7 @@ def verified(scene):
     picture = verify.ImageFrame(np.ones((4, 4, 4), np.float32))
     found = verify.of(scene)
     found.reference, found.difference = picture, picture
-    found.result = {"error": 0.1, "noise": 0.01, "psnr": 30.0}
+    found.result = {"error": 0.1, "noise": 0.01, "psnr": 30.0, "clamped": 0.0}
     verifying.show(scene, "DIFFERENCE")
 
 

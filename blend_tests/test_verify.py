@@ -91,6 +91,15 @@ def test_the_render_of_cycles_itself_is_verified(shot):
     assert os.listdir(bpy.app.tempdir) == before or set(os.listdir(bpy.app.tempdir)) - set(before) <= {"cycles.exr"}
 
 
+def test_clamping_is_left_out_and_what_it_takes_is_said(shot):
+    unclamped = picture(shot)
+    shot.cycles.sample_clamp_direct = 0.2
+    found = end(verify.start(shot, unclamped, "Camera", 64, NEUTRAL))
+    assert found.result["error"] < 0.05 and 0.05 < found.result["clamped"] < 0.9
+    assert f"takes {100 * found.result['clamped']:.1f} % of this file's light" in ui.words(found)
+    assert (found.stage["done"], found.stage["total"]) == (9, 9)
+
+
 def test_a_wrong_picture_is_noticed(shot):
     wrong = picture(shot)
     wrong.image[:12] *= 1.5

@@ -142,15 +142,16 @@ def is_equal(found):
 
 
 def is_met(kept):
-    """True if a record is what its case expects, which is said in words."""
+    """True if a record is what its case expects, which is said in words. Where a feature may be named, an equal picture
+    is better still; a note has to be there."""
     words = {
         "equal": r"equal|as Cycles|near|\bbut\b|region",
         "named": r"named|\bnote\b|\bsaid\b|differs",
         "refused": r"refused",
     }
     accepted = [name for name, pattern in words.items() if re.search(pattern, kept["expect"])]
-    said = kept["verdict"] == "equal" and "named" in accepted and bool(kept["warnings"])
-    return kept["verdict"] in accepted or said
+    is_equal = kept["verdict"] == "equal" and "named" in accepted
+    return kept["verdict"] in accepted or (is_equal and ("named" in kept["expect"] or bool(kept["warnings"])))
 
 
 def page(records):

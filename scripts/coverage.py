@@ -54,6 +54,8 @@ def fate(reason):
         return "undecided", ""
     if reason.startswith(("read", "exported")) or reason == "of hair":
         return EQUAL, ""
+    if reason.startswith(APPROXIMATED):
+        return APPROXIMATED, reason.removeprefix(f"{APPROXIMATED}: ")
     if reason in {"named", "refused"}:
         return NOT, reason
     # Such as "of culling, which each object names".

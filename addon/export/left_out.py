@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import bpy
 
 from ..core.words import listed
 from .camera import film_border, film_size
-
-Warn = Callable[[str], None]
 
 WITHOUT_EFFECTS = {"use_sequencer": False, "use_compositing": False, "use_freestyle": False}
 """Render settings without what Blender does to a picture once it is rendered. Freestyle would crash where there is
@@ -43,17 +41,6 @@ def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[
             words = f"{stage}: only in renders with Relume as render engine, not in this picture"
             sentences.append(f"scene '{scene.name}': {words}")
     return sentences
-
-
-def warn_about_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, warn: Warn) -> None:
-    """Names settings of a mesh object that only Cycles heeds."""
-    cycles = getattr(obj, "cycles", None)
-    if cycles is None:
-        return
-    for culling in ("camera", "distance"):
-        switch = f"use_{culling}_cull"
-        if scene.render.use_simplify and getattr(scene.cycles, switch) and getattr(cycles, switch):
-            warn(f"object '{obj.name}': {culling} culling of Simplify is not supported; it is always there")
 
 
 def _limits_textures(scene: bpy.types.Scene) -> bool:

@@ -59,7 +59,7 @@ class LightLinking:
     def _numbers_in(self, light: bpy.types.Object, collection: bpy.types.Collection | None) -> list[int] | None:
         if collection is None:
             return None
-        states = _link_states(collection.original)
+        states = link_states(collection.original)
         if len(self.objects) > RECEIVER_LIMIT:
             self.warn(
                 f"light '{light.name}': light linking is exact for the first {RECEIVER_LIMIT} objects only; "
@@ -75,7 +75,7 @@ class LightLinking:
         return numbers_of(counted)
 
 
-def _link_states(collection: bpy.types.Collection) -> dict[str, str]:
+def link_states(collection: bpy.types.Collection) -> dict[str, str]:
     """INCLUDE or EXCLUDE of each object named by a receiver collection; nested collections first, so that the
     state of an object itself wins."""
     states: dict[str, str] = {}

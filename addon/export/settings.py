@@ -17,7 +17,7 @@ def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[
         return {}
     clamps = max(cycles.sample_clamp_direct, cycles.sample_clamp_indirect)
     if clamps > 0.0:
-        warn(f"scene '{scene.name}': clamping of samples is not supported; set both clamps to 0 to compare with Cycles")
+        warn(f"scene '{scene.name}': clamping of samples is left out; Verify says how much light it takes from Cycles")
     if cycles.use_fast_gi:
         warn(f"scene '{scene.name}': Fast GI Approximation is not supported; every bounce is traced")
     glass = {"film_glass": cycles.film_transparent_roughness} if cycles.film_transparent_glass else {}

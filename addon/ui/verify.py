@@ -108,17 +108,24 @@ def show(scene: bpy.types.Scene, view: str) -> None:
         compare.set_pair(scene, verification.reference, verification.ours, view, ("Cycles", "Relume"))
 
 
+LEAST_CLAMPED = 0.0005
+"""Share of the light that clamping takes from which on it is said."""
+
+
 def words(verification: verify.Verification) -> str:
     """Result of a comparison in one sentence."""
     if verification.error:
         return f"Not verified: {verification.error}"
     if verification.result is None:
         return f"Cycles renders, {share_and_words(verification.stage)[1]}"
-    error, noise, psnr = (verification.result[name] for name in ("error", "noise", "psnr"))
-    return (
+    error, noise, psnr, clamped = (verification.result[name] for name in ("error", "noise", "psnr", "clamped"))
+    said = (
         f"Differs from Cycles by {100 * error:.1f} % on average ({psnr:.1f} dB). "
         f"Noise of Cycles itself: {100 * noise:.1f} %"
     )
+    if clamped < LEAST_CLAMPED:
+        return said
+    return f"{said}. Both are without clamping, which takes {100 * clamped:.1f} % of this file's light"
 
 
 def tick() -> bool:

@@ -45,7 +45,7 @@ OLDEST_BLENDER = (5, 2)
 OLDEST_SUPPORTED = (4, 2)
 OLDEST_ON_VULKAN = (4, 5)
 """Before, Blender's own Vulkan was a trial."""
-MADE = {"demo.blend": "make_scene.py", "creature.blend": "make_creature.py"}
+MADE = {"demo.blend": "make_scene.py", "creature.blend": "make_creature.py", "stage.blend": "make_stage.py"}
 """Scenes that a script of the demo makes."""
 SCENES = Path(os.environ.get("RELUME_SCENES") or REPOSITORY.parent / "shared" / "scenes")
 

@@ -21,6 +21,7 @@ JOB, PICTURE, RESULT = "job.json", "picture.npy", "result.json"
 REFERENCE, DIFFERENCE = "cycles.npy", "difference.npy"
 PARTS = 8
 """Renders that the samples are spread over: steps of progress, and two halves that tell the noise."""
+CLAMPS = ("sample_clamp_direct", "sample_clamp_indirect")
 
 
 def verify(folder: Path, on_progress: Callable[[int, int], None]) -> dict[str, Any]:
@@ -30,9 +31,11 @@ def verify(folder: Path, on_progress: Callable[[int, int], None]) -> dict[str, A
     picture = np.load(folder / PICTURE)
     scene = bpy.data.scenes[job["scene"]]
     height, width = picture.shape[:2]
+    clamps = {name: getattr(scene.cycles, name) for name in CLAMPS}
     _prepare(scene, job, (width, height))
     write_mix(scene, job["mix"])
-    halves = _render_halves(scene, job["samples"], folder / "part.exr", on_progress)
+    parts = _Parts(scene, job["samples"], folder / "part.exr", any(clamps.values()), on_progress)
+    halves = parts.halves()
     reference = (halves[0] + halves[1]) / 2.0
     ours, cycles = picture[..., :3], reference[..., :3]
     np.save(folder / REFERENCE, reference)
@@ -43,6 +46,7 @@ def verify(folder: Path, on_progress: Callable[[int, int], None]) -> dict[str, A
         # The mean of two halves is off by about half of their difference.
         "noise": metrics.relative_error(halves[0][..., :3], halves[1][..., :3]) / 2.0,
         "samples": job["samples"],
+        "clamped": parts.light_lost_to(clamps),
     }
     (folder / RESULT).write_text(json.dumps(result), encoding="utf-8")
     return result
@@ -52,7 +56,7 @@ def _prepare(scene: bpy.types.Scene, job: dict[str, Any], size: tuple[int, int])
     scene.camera = scene.objects[job["camera"]]
     # Only seed and samples change between the parts.
     whole = {"use_border": False, "use_multiview": False, "use_persistent_data": True}
-    set_up(scene, size, whole | WITHOUT_EFFECTS, {"use_animated_seed": False})
+    set_up(scene, size, whole | WITHOUT_EFFECTS, {"use_animated_seed": False} | dict.fromkeys(CLAMPS, 0.0))
     _use_devices(job.get("devices"))
 
 
@@ -68,24 +72,48 @@ def _use_devices(devices: dict[str, Any] | None) -> None:
             device.use = device.id in devices["ids"]
 
 
-def _render_halves(
-    scene: bpy.types.Scene, samples: int, path: Path, on_progress: Callable[[int, int], None]
-) -> list[np.ndarray]:
-    """Means of the even and of the odd parts."""
-    parts = min(PARTS, max(samples // 2 * 2, 2))
-    sums: list[Any] = [0.0, 0.0]
-    weights = [0, 0]
-    for part in range(parts):
-        on_progress(part, parts)
-        count = max((part + 1) * samples // parts - part * samples // parts, 1)
-        scene.cycles.samples, scene.cycles.seed = count, part
-        scene.render.filepath = str(path)
-        bpy.ops.render.render(write_still=True, scene=scene.name)
-        sums[part % 2] = sums[part % 2] + count * read_picture(path)
-        weights[part % 2] += count
-    on_progress(parts, parts)
-    path.unlink()
-    return [total / weight for total, weight in zip(sums, weights, strict=True)]
+class _Parts:
+    """Renders of different noise, without clamping of samples, which paths without lights cannot follow."""
+
+    def __init__(
+        self, scene: bpy.types.Scene, samples: int, path: Path, clamps: bool, on_progress: Callable[[int, int], None]
+    ):
+        """If the file `clamps`, one more render is to tell what that changes."""
+        self.scene, self.path, self.on_progress = scene, path, on_progress
+        parts = min(PARTS, max(samples // 2 * 2, 2))
+        ends = [part * samples // parts for part in range(parts + 1)]
+        self.counts = [max(end - start, 1) for start, end in zip(ends, ends[1:], strict=False)]
+        self.total = parts + clamps
+        self.first: Any = None
+
+    def halves(self) -> list[np.ndarray]:
+        """Means of the even and of the odd parts."""
+        sums: list[Any] = [0.0, 0.0]
+        for part, count in enumerate(self.counts):
+            self.on_progress(part, self.total)
+            picture = self._render(part)
+            self.first = picture if part == 0 else self.first
+            sums[part % 2] = sums[part % 2] + count * picture
+        self.on_progress(len(self.counts), self.total)
+        return [total / sum(self.counts[half::2]) for half, total in enumerate(sums)]
+
+    def light_lost_to(self, clamps: dict[str, float]) -> float:
+        """Share of the light that the file's clamping takes, by the same samples with and without."""
+        if not any(clamps.values()):
+            return 0.0
+        for name, value in clamps.items():
+            setattr(self.scene.cycles, name, value)
+        clamped = self._render(0)
+        self.on_progress(self.total, self.total)
+        return 1.0 - float(clamped[..., :3].mean()) / max(float(self.first[..., :3].mean()), 1e-9)
+
+    def _render(self, part: int) -> np.ndarray:
+        self.scene.cycles.samples, self.scene.cycles.seed = self.counts[part], part
+        self.scene.render.filepath = str(self.path)
+        bpy.ops.render.render(write_still=True, scene=self.scene.name)
+        picture = read_picture(self.path)
+        self.path.unlink()
+        return picture
 
 
 def _opaque(image: np.ndarray) -> np.ndarray:

@@ -18,11 +18,13 @@ import bpy
 from ...core.diff import Fingerprint
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
+from ...export.culling import SWITCHES, culling_settings
 from ...export.curves import hides_hair, strand_shape
 from ...export.dicing import dicing_camera, dicing_settings
 from ...export.images import frame_of, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
 from ...export.lights import rules_of_lights
+from ...export.linking import link_states
 from ...export.materials import sampling_settings
 from ...export.materials.graph import used_tree
 from ...export.motion import motion_settings
@@ -244,6 +246,12 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
         found["scatter"] = "hidden"
     if obj.is_holdout:
         found["holdout"] = "on"
+    if obj.is_shadow_catcher and obj.type != "LIGHT":
+        found["catcher"] = "on"
+    if (cycles := getattr(obj, "cycles", None)) and any(getattr(cycles, switch, False) for switch in SWITCHES):
+        found["culling"] = hashed([getattr(cycles, switch) for switch in SWITCHES])
+    if linked := _linked(obj):
+        found["linking"] = hashed(linked)
     if asked := _asked_of(obj):
         found["attributes"] = hashed(asked)
     if obj.data is not None:
@@ -262,6 +270,16 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     if obj.pose:
         found["pose"] = hashed([_matrix(bone.matrix) for bone in obj.pose.bones])
     return found
+
+
+def _linked(obj: bpy.types.Object) -> list:
+    """Members of the collections that an object shines on, and that block its light; those of lights are read anew for
+    each picture."""
+    linking = getattr(obj, "light_linking", None)
+    if linking is None or obj.type == "LIGHT":
+        return []
+    collections = [linking.receiver_collection, linking.blocker_collection]
+    return [sorted(link_states(each).items()) if each else None for each in collections] if any(collections) else []
 
 
 def _asked_of(obj: bpy.types.Object) -> list:
@@ -384,8 +402,10 @@ def _settings(scene: bpy.types.Scene) -> Fingerprint:
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
         "volumes": str(layer.use_volumes),
+        **({} if layer.use_solid else {"surfaces": "off"}),
         "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
+        **({"culling": hashed(culling)} if (culling := culling_settings(scene)) else {}),
     }
 
 

@@ -73,7 +73,8 @@ impl DicingArguments<'_> {
         let edges = Array::<i32>::borrow("crease edges", edges)?;
         let sharpness = Array::<f32>::borrow("crease sharpness", sharpness)?;
         let vertices = Array::<f32>::borrow("vertex sharpness", vertices)?;
-        let (edges, sharpness, sharp_vertices) = (edges.cast::<[u32; 2]>()?, sharpness.values()?, vertices.values()?);
+        let (edges, sharpness, sharp_vertices) =
+            (edges.cast::<[u32; 2]>()?, sharpness.values()?, vertices.values()?);
         enter_native(py, || {
             let dicing = Settings::parse(settings)?;
             let creases = edges.iter().copied().zip(sharpness.iter().copied()).collect();

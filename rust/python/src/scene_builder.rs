@@ -187,7 +187,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, is_shadow_catcher=false, links=None, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -206,6 +206,8 @@ impl PySceneBuilder {
         visible_volume_scatter: bool,
         visible_shadow: bool,
         is_holdout: bool,
+        is_shadow_catcher: bool,
+        links: Option<Links>,
         density_factor: f32,
         grids: Option<usize>,
         attributes: Vec<(String, [f32; 4])>,
@@ -232,6 +234,8 @@ impl PySceneBuilder {
             visible_volume_scatter,
             visible_shadow,
             is_holdout,
+            is_shadow_catcher,
+            links: links.map(emitter_links),
             density_factor,
             grids,
             attributes,
@@ -443,6 +447,19 @@ impl PySceneBuilder {
         })?;
         Ok(PyScene { scene: Arc::new(scene) })
     }
+}
+
+/// Receivers and blockers of what shines on an object; None for everything.
+type Links = (Option<Vec<u16>>, Option<Vec<u16>>);
+
+fn emitter_links((receivers, blockers): Links) -> Box<scene::EmitterLinks> {
+    let [receivers, blockers] = [receivers, blockers].map(|numbers| {
+        numbers.map(|mut receivers| {
+            receivers.sort_unstable();
+            scene::ReceiverSet { receivers }
+        })
+    });
+    Box::new(scene::EmitterLinks { receivers, blockers })
 }
 
 fn strand_shape(shape: &str, subdivisions: u8) -> PyResult<scene::StrandShape> {

@@ -41,6 +41,18 @@ pub struct LightRules {
     pub blockers: Option<ReceiverSet>,
 }
 
+impl EmitterLinks {
+    /// True if a receiver is lit.
+    pub fn light(&self, receiver: u16) -> bool {
+        self.receivers.as_ref().is_none_or(|lit| lit.contains(receiver))
+    }
+
+    /// True if an object lets all light pass.
+    pub fn ignore(&self, receiver: u16) -> bool {
+        self.blockers.as_ref().is_some_and(|blockers| !blockers.contains(receiver))
+    }
+}
+
 impl LightRules {
     /// True for a light without rules of its own.
     pub fn is_default(&self) -> bool {
@@ -193,4 +205,22 @@ impl Default for LobeFactors {
 pub struct ReceiverSet {
     /// Sorted receiver numbers that are lit.
     pub receivers: Vec<u16>,
+}
+
+impl ReceiverSet {
+    /// True if the set has a receiver.
+    pub fn contains(&self, receiver: u16) -> bool {
+        self.receivers.binary_search(&receiver).is_ok()
+    }
+}
+
+/// Light linking and shadow linking of an object that shines by its material.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct EmitterLinks {
+    /// The only objects that it lights; all where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub receivers: Option<ReceiverSet>,
+    /// The only objects that block its light; all where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub blockers: Option<ReceiverSet>,
 }

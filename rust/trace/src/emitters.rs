@@ -143,6 +143,11 @@ impl Emitters {
         }
     }
 
+    /// True if [`Emitters::sample`] gives points of the triangle that a point is on.
+    pub fn have(&self, point: &SurfacePoint) -> bool {
+        self.by_triangle.contains_key(&(point.instance, point.primitive))
+    }
+
     /// Density over area with which [`Emitters::sample`] gives points of the triangle that a point is on; 0 if it gives none.
     pub fn area_density(&self, scene: &Scene, point: &SurfacePoint) -> f32 {
         self.by_triangle.get(&(point.instance, point.primitive)).map_or(0.0, |&index| {

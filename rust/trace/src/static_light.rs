@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 use relume_dump::Lobe;
-use relume_scene::Scene;
+use relume_scene::{EmitterLinks, Scene};
 
 use crate::{
     bsdf::Surface,
@@ -77,9 +77,13 @@ impl StaticLights {
         }
     }
 
-    /// Weight of emission that the path met on a triangle.
+    /// Weight of emission that the path met on a triangle. Where not everything blocks its light, only light samples count.
     pub fn emission_weight(&self, last: Option<LastBounce>, scene: &Scene, point: &SurfacePoint) -> f32 {
         let (Some(last), Some(emitters)) = (last, &self.emitters) else { return 1.0 };
+        let links = scene.instances[point.instance as usize].links.as_ref();
+        if links.is_some_and(|links| links.blockers.is_some()) && emitters.have(point) {
+            return 0.0;
+        }
         let towards = point.position - last.position;
         let cos = point.geometric_normal.dot(point.wo).abs();
         let density =
@@ -112,11 +116,11 @@ impl StaticLights {
         let share = self.environment_share();
         if u[3] < share {
             let (direction, density) = tracer.environment.sample([u[0], u[1], u[2]])?;
-            let factor = tracer.weighted(vertex, direction, density * share)?;
+            let factor = tracer.weighted(vertex, direction, density * share, true)?;
             let radiance =
                 tracer.environment.radiance(tracer.scene, tracer.materials, direction, Lobe::Diffuse);
             let factor = factor / survival(on_film * factor * radiance, u[3] / share)?;
-            let through = self.transmittance(tracer, vertex, direction, None, scratch)?;
+            let through = self.transmittance(tracer, vertex, direction, Goal::Outside, scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
         let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]], tracer.scene, vertex.time());
@@ -125,30 +129,37 @@ impl StaticLights {
         let direction = towards.try_normalize()?;
         let cos = target.normal.dot(direction).abs();
         let density = target.area_density * (1.0 - share) * distance_squared / cos;
-        let factor = tracer.weighted(vertex, direction, density)?;
+        let links = tracer.scene.instances[target.instance as usize].links.as_deref();
+        if links.is_some_and(|links| !links.light(tracer.receiver)) {
+            return None;
+        }
+        let blockers = links.filter(|links| links.blockers.is_some());
+        let factor = tracer.weighted(vertex, direction, density, blockers.is_none())?;
         let factor = factor / survival(on_film * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
-        let goal = (target.instance, target.triangle);
-        let through = self.transmittance(tracer, vertex, direction, Some(goal), scratch)?;
+        let goal = Goal::Emitter { triangle: (target.instance, target.triangle), links: blockers };
+        let through = self.transmittance(tracer, vertex, direction, goal, scratch)?;
         Some(StaticSample::Emission(factor * through * scratch.emission()))
     }
 
-    /// Share of light that comes straight from the emitter `goal`, or from outside, to `vertex`; nothing if something is
-    /// in between. Leaves the emitter's surface in `scratch`.
+    /// Share of light that comes straight from `goal` to `vertex`; nothing if something is in between. Leaves an emitter's
+    /// surface in `scratch`.
     fn transmittance(
         &self,
         tracer: &mut ShadowTracer<'_>,
         vertex: Vertex<'_>,
         direction: Vec3,
-        goal: Option<(u32, u32)>,
+        goal: Goal<'_>,
         scratch: &mut Surface,
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
-        let mut ray = Ray { kind: RayKind::Shadow, ..vertex.ray(direction) };
+        let catchers_only = tracer.catchers_only;
+        let mut ray = Ray { kind: RayKind::Shadow, catchers_only, ..vertex.ray(direction) };
         let shadow = tracer.ray.shadow_from(vertex.position());
         if let Some(media) = &mut tracer.media {
             media.leave_vertex(vertex, direction);
         }
-        if goal.is_none() && !self.any_transparent && tracer.media.is_none() {
+        let emitter = goal.triangle();
+        if emitter.is_none() && !self.any_transparent && tracer.media.is_none() {
             return (!tracer.bvh.is_blocked(&ray)).then_some(through);
         }
         let mut passed = 0;
@@ -163,28 +174,61 @@ impl StaticLights {
                     continue;
                 }
             }
-            let Some(hit) = hit else { return goal.is_none().then_some(through) };
+            let Some(hit) = hit else { return emitter.is_none().then_some(through) };
             let met = (hit.instance, hit.primitive);
-            if goal != Some(met) && !self.transparent[hit.instance as usize] {
-                return None;
-            }
-            if goal == Some(met) {
+            if emitter == Some(met) {
                 tracer.shade(&ray, &hit, tracer.ray.to_emitter(vertex.position()), scratch);
                 return Some(through);
             }
-            let passed_ray = RayInfo { transparent_depth: shadow.transparent_depth + passed, ..shadow };
-            let surface_point = tracer.shade(&ray, &hit, passed_ray, scratch);
-            through *= scratch.transparency();
-            if through.max_element() <= 0.0 {
-                return None;
-            }
+            let surface_point = if goal.ignores(tracer.scene, hit.instance) {
+                tracer.materials.surface_point(tracer.scene, &hit, ray.origin, ray.direction, 0.0)
+            } else {
+                if !self.transparent[hit.instance as usize] {
+                    return None;
+                }
+                let passed_ray = RayInfo { transparent_depth: shadow.transparent_depth + passed, ..shadow };
+                passed += 1;
+                let surface_point = tracer.shade(&ray, &hit, passed_ray, scratch);
+                through *= scratch.transparency();
+                if through.max_element() <= 0.0 {
+                    return None;
+                }
+                surface_point
+            };
             if let Some(media) = &mut tracer.media {
                 media.cross(&hit, direction);
             }
             offset_origin(&mut ray, &surface_point);
-            passed += 1;
         }
         None
+    }
+}
+
+/// Where a shadow ray goes.
+#[derive(Clone, Copy)]
+enum Goal<'a> {
+    /// Out of the scene.
+    Outside,
+    /// To an instance's triangle that shines; links where not everything blocks its light.
+    Emitter { triangle: (u32, u32), links: Option<&'a EmitterLinks> },
+}
+
+impl Goal<'_> {
+    fn triangle(&self) -> Option<(u32, u32)> {
+        match self {
+            Self::Outside => None,
+            Self::Emitter { triangle, .. } => Some(*triangle),
+        }
+    }
+
+    /// True if an instance does not block the ray.
+    fn ignores(&self, scene: &Scene, instance: u32) -> bool {
+        match self {
+            Self::Emitter { links: Some(links), .. } => {
+                links.ignore(scene.instances[instance as usize].receiver)
+            }
+            _ => false,
+        }
     }
 }
 
@@ -196,10 +240,14 @@ pub(crate) struct ShadowTracer<'a> {
     pub environment: &'a EnvironmentLight,
     /// The path's ray, which met the vertex.
     pub ray: RayInfo,
+    /// The vertex's number for light linking.
+    pub receiver: u16,
     /// Cones that the path's own directions are drawn from beside the surface.
     pub cones: Option<&'a Cones>,
     /// Number of transparent surfaces that may lie before a light.
     pub transparent_left: u32,
+    /// True if only shadow catchers stand before a light.
+    pub catchers_only: bool,
     /// The media around the vertex, if there are any in the scene.
     pub media: Option<ShadowMedia<'a>>,
 }
@@ -212,11 +260,19 @@ impl ShadowTracer<'_> {
         point
     }
 
-    /// `f |cos| / density`, weighted against the path's own directions; nothing if the vertex sends no light that way.
-    fn weighted(&self, vertex: Vertex<'_>, direction: Vec3, density: f32) -> Option<Vec3> {
+    /// `f |cos| / density`, weighted against the path's own directions if those find the light, too; nothing if the vertex
+    /// sends no light that way.
+    fn weighted(
+        &self,
+        vertex: Vertex<'_>,
+        direction: Vec3,
+        density: f32,
+        is_found_by_paths: bool,
+    ) -> Option<Vec3> {
         let (value, pdf) = vertex.eval(direction)?;
         let pdf = self.cones.map_or(pdf, |cones| cones.pdf_with(vertex.dull_share(), pdf, direction));
-        let factor = value * (power_heuristic(density, pdf) / density);
+        let weight = if is_found_by_paths { power_heuristic(density, pdf) } else { 1.0 };
+        let factor = value * (weight / density);
         (factor.is_finite() && factor.max_element() > 0.0).then_some(factor)
     }
 }

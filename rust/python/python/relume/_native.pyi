@@ -107,6 +107,8 @@ class SceneBuilder:
         visible_volume_scatter: bool = True,
         visible_shadow: bool = True,
         is_holdout: bool = False,
+        is_shadow_catcher: bool = False,
+        links: tuple[list[int] | None, list[int] | None] | None = None,
         density_factor: float = 1.0,
         grids: int | None = None,
         attributes: Sequence[tuple[str, Sequence[float]]] = (),
@@ -311,11 +313,16 @@ class Relighter:
         self,
         lights: str | None = None,
         *,
+        static_light: Sequence[float] = (1.0, 1.0, 1.0),
+        world: Sequence[float] = (1.0, 1.0, 1.0),
+        catcher_apart: bool = False,
         maker: Literal["auto", "gather", "proxy"] = "auto",
         denoise: bool = True,
     ) -> dict[str, Any]:
         """Pictures under a light set (JSON; the scene's lights if None): scene-linear arrays [height, width, channels],
-        top row first: combined, static, world, albedo, normal, depth, alpha, and lights by name."""
+        top row first: combined, static, world, albedo, normal, depth, alpha, shadow_catcher where there is one, and
+        lights by name. Gains are RGB factors on the scene's own light and on that of the world. Apart, what shadow
+        catchers show is not in the combined picture and its alpha."""
 
     def prepare(
         self,

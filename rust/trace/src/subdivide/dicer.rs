@@ -47,7 +47,8 @@ pub(super) struct Diced {
 impl Diced {
     /// Values of all corners of all triangles.
     pub fn per_corner<T>(&self, value: impl Fn(u32, Vec2) -> T) -> Vec<T> {
-        let corners = self.triangles.iter().flat_map(|triangle| triangle.places.map(|place| (triangle.patch, place)));
+        let corners =
+            self.triangles.iter().flat_map(|triangle| triangle.places.map(|place| (triangle.patch, place)));
         corners.map(|(patch, place)| value(patch, place)).collect()
     }
 }

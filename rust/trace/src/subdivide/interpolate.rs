@@ -18,7 +18,10 @@ pub(super) struct CornerBlend<'a> {
 }
 
 /// Values that can be blended.
-pub(super) trait Blend: Copy + std::ops::Add<Output = Self> + std::ops::Mul<f32, Output = Self> {}
+pub(super) trait Blend:
+    Copy + std::ops::Add<Output = Self> + std::ops::Mul<f32, Output = Self>
+{
+}
 
 impl<T: Copy + std::ops::Add<Output = T> + std::ops::Mul<f32, Output = T>> Blend for T {}
 

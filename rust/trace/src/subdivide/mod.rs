@@ -132,7 +132,9 @@ impl Cage<'_> {
             let coords = match uv_surfaces.get(number) {
                 Some(surface) => diced.per_corner(|patch, place| surface.point(patch, place).truncate()),
                 None => diced.per_corner(|patch, place| {
-                    blend(patch).at(place, |corner| if coords[corner].is_finite() { coords[corner] } else { Vec2::ZERO })
+                    blend(patch).at(place, |corner| {
+                        if coords[corner].is_finite() { coords[corner] } else { Vec2::ZERO }
+                    })
                 }),
             };
             mesh.uv_maps.push(UvMap { name: name.clone(), coords });
@@ -140,7 +142,8 @@ impl Cage<'_> {
         interpolate::add_colors(&mut mesh, polygons, patches, diced);
         if !polygons.material_slots.is_empty() {
             let slot = |patch: u32| polygons.material_slots[patches.faces[patch as usize] as usize];
-            let slots = diced.triangles.iter().map(|triangle| slot(triangle.patch).clamp(0, u16::MAX.into()) as u16);
+            let slots =
+                diced.triangles.iter().map(|triangle| slot(triangle.patch).clamp(0, u16::MAX.into()) as u16);
             mesh.material_slots = slots.collect();
         }
         interpolate::add_normals(&mut mesh, polygons, patches, diced, dicing.smooth.is_some());

@@ -313,7 +313,8 @@ impl Level {
         };
         let own = self.creases.vertices.get(&u64::from(vertex)).copied();
         let vanishing = ring.edges.iter().map(|(_, sharpness)| *sharpness).chain(own);
-        let vanishing: Vec<f32> = vanishing.filter(|sharpness| *sharpness > 0.0 && *sharpness < 1.0).collect();
+        let vanishing: Vec<f32> =
+            vanishing.filter(|sharpness| *sharpness > 0.0 && *sharpness < 1.0).collect();
         let now = by(self.held_by(scheme, vertex, &ring, 0.0));
         if vanishing.is_empty() {
             return now;
@@ -420,7 +421,8 @@ impl Level {
     fn mean_normal(&self, vertex: u32) -> Vec3 {
         let point = self.points[vertex as usize];
         let normals = self.uses_of(vertex).iter().map(|(face, corner)| {
-            let [after, before] = self.beside(*face, *corner).map(|other| self.points[other as usize] - point);
+            let [after, before] =
+                self.beside(*face, *corner).map(|other| self.points[other as usize] - point);
             after.cross(before)
         });
         normals.sum::<Vec3>().normalize_or_zero()
@@ -463,7 +465,8 @@ impl Creases {
         for vertex in 0..base.points.len() as u32 {
             let ring = base.ring(vertex);
             if let [(a, _), (b, _)] = ring.edges[..] {
-                let [a, b] = [a, b].map(|other| self.edges.get(&edge_key(vertex, other)).copied().unwrap_or(0.0));
+                let [a, b] =
+                    [a, b].map(|other| self.edges.get(&edge_key(vertex, other)).copied().unwrap_or(0.0));
                 if a.min(b) > 0.0 {
                     let own = self.vertices.entry(vertex.into()).or_insert(0.0);
                     *own = (*own + a.min(b)).min(INFINITE);

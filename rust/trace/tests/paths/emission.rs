@@ -1,8 +1,10 @@
 //! Static layers: light that the scene itself emits.
 
+use std::f32::consts::PI;
+
 use relume_scene::{
-    Alpha, ColorEncoding, Extension, ImageProjection, Input, Interpolation, MOST_RADIANCE, Material, MathOp,
-    Node, Output, Scene, Texels, Texture, UvMap,
+    Alpha, ColorEncoding, EmitterLinks, Extension, ImageProjection, Input, Interpolation, MOST_RADIANCE,
+    Material, MathOp, Node, Output, ReceiverSet, Scene, Texels, Texture, UvMap,
     glam::{Affine3A, Vec2, Vec3},
 };
 use relume_trace::{TraceSettings, settings::BounceLimits};
@@ -237,4 +239,36 @@ fn screens_that_are_black_in_the_middle_are_sampled_where_they_shine() {
         image_paths(&scene, &settings)
     });
     check_gain(&by_bsdf, &sampled, |path| path.aovs.emission.x, 3.0);
+}
+
+/// Mean light on a floor below a plate below a lamp, whose receiver numbers are 0, 1 and 2, for the lamp's links.
+fn light_below_plate(receivers: Option<Vec<u16>>, blockers: Option<Vec<u16>>) -> f32 {
+    let mut scene = Scene::default();
+    let lamp = Affine3A::from_translation(Vec3::Z * 0.9) * Affine3A::from_scale(Vec3::splat(0.4));
+    add(&mut scene, square(0.0), Affine3A::IDENTITY, diffuse(0.5));
+    add(&mut scene, square(0.5), Affine3A::IDENTITY, diffuse(0.5));
+    add(&mut scene, square(0.0), lamp, material(emission([1.0; 3], 10.0)));
+    for (receiver, instance) in scene.instances.iter_mut().enumerate() {
+        instance.receiver = receiver as u16;
+    }
+    let [receivers, blockers] =
+        [receivers, blockers].map(|numbers| numbers.map(|receivers| ReceiverSet { receivers }));
+    scene.instances[2].links = Some(Box::new(EmitterLinks { receivers, blockers }));
+    scene.camera = look_at_origin(Vec3::new(0.0, -0.8, 0.25), 4, 0.1);
+    let mut settings = settings(256, true);
+    settings.paths.bounces.total = 1;
+    mean(&image_paths(&scene, &settings), |path| path.aovs.emission).x
+}
+
+#[test]
+fn meshes_light_what_they_are_linked_to() {
+    assert_eq!(light_below_plate(None, None), 0.0);
+    assert_eq!(light_below_plate(None, Some(vec![0, 1])), 0.0);
+    let through = light_below_plate(None, Some(vec![0]));
+    // Half of what a square of radiance 10 sends straight down, by its form factor from the origin.
+    let side = 0.4f32 / 0.9;
+    let corner = side / (1.0 + side * side).sqrt() * (side / (1.0 + side * side).sqrt()).atan() / PI;
+    assert!((through / (0.5 * 10.0 * 4.0 * corner) - 1.0).abs() < 0.03, "{through}");
+    assert_eq!(light_below_plate(Some(vec![1, 2]), Some(vec![0])), 0.0);
+    assert_eq!(light_below_plate(Some(vec![0, 2]), Some(vec![0])), through);
 }
