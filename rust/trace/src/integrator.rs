@@ -67,8 +67,9 @@ pub(crate) struct Integrator<'a> {
 
 /// Groups of the sampler: the camera takes the first, each vertex of a path two.
 const CAMERA_GROUP: u32 = 0;
-/// Numbers of the time, where anything moves.
+/// Numbers of the time, where anything moves, and of the wavelength, where glass disperses light.
 const TIME_GROUP: u32 = 1 << 27;
+const WAVELENGTH_GROUP: u32 = TIME_GROUP + 1;
 const GROUPS_PER_VERTEX: u32 = 2;
 /// Added to a vertex's first group: numbers of the guide, of the way there through media, of light's way from there, and of
 /// the pieces of a shadow path.
@@ -116,11 +117,12 @@ impl Integrator<'_> {
             sink.end_path(AovSample { alpha: plate.alpha_without_light(), ..AovSample::default() });
             return;
         };
+        let wavelength = self.materials.wavelength(|| sampler.draw(sample, WAVELENGTH_GROUP)[0]);
         sink.begin_path((!self.camera.is_pinhole()).then_some(camera.origin));
         let mut features =
             Features { sample: AovSample { alpha: 1.0, ..AovSample::default() }, tint: Some(Vec3::ONE) };
         let mut walk = Walk {
-            path: PathState::new(camera.origin),
+            path: PathState::new(camera.origin, wavelength),
             ray: Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction).at(time) },
             footprint: camera.footprint,
             spread: camera.spread,
@@ -138,7 +140,7 @@ impl Integrator<'_> {
             let draws = Draws::new(sampler, sample, group);
             self.record_linked(&mut walk, draws, scratch, sink);
             if let Some(shadows) = &self.shadows
-                && shadows.hides_blockers(walk.ray.kind)
+                && shadows.from_start(walk.ray.kind)
                 && walk.last.is_some()
                 && walk.path.starts_lit_ray()
             {
@@ -276,6 +278,7 @@ impl Integrator<'_> {
         scratch.surface.set_after_diffuse(walk.path.was_diffuse);
         let probes = self.probes(&walk.path, point, draws);
         self.materials.evaluate_with(self.scene, point, probes.as_ref(), &mut scratch.surface);
+        walk.path.disperse(scratch.surface.wavelength_weight());
         if walk.path.sees_background {
             let is_holdout = self.scene.instances[point.instance as usize].is_holdout;
             let held_out = scratch.surface.hold_out(is_holdout);

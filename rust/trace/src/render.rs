@@ -122,6 +122,7 @@ impl<'a> Tracer<'a> {
             None
         });
         let media = Media::new(scene, &materials, &guide_targets(scene, settings), &mut warnings);
+        let shadows = ShadowDifferences::new(scene, media.as_ref());
         let integrator = Integrator {
             scene,
             media,
@@ -130,7 +131,7 @@ impl<'a> Tracer<'a> {
             materials,
             environment,
             lights,
-            shadows: ShadowDifferences::new(scene),
+            shadows,
             classes: classes.map(|classes| LightClasses::new(scene, classes)),
             catches: scene.has_shadow_catchers(),
             settings: paths,

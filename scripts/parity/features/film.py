@@ -30,7 +30,7 @@ def holdouts(scene):
 
 
 def shadow_catcher(scene):
-    """A floor that catches shadows, and the light of a box, before the world behind an opaque film."""
+    """A floor that catches the shadows of a ball and a box, and the light of one, before the world."""
     bpy.data.objects["Floor"].is_shadow_catcher = True
     stage.add_ball(scene, "Ball", 0.4, stage.hunt.plain_material("Red", Color=(0.8, 0.1, 0.1, 1.0)), (-0.6, 0.0, -0.6))
     glow = stage.hunt.plain_material("Glow", "ShaderNodeEmission", Strength=3.0)

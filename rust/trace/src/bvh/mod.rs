@@ -61,6 +61,7 @@ pub enum RayKind {
     Transmission,
     Volume,
     Shadow,
+    Raycast,
 }
 
 impl From<Lobe> for RayKind {
@@ -305,14 +306,14 @@ impl SceneBvh {
 /// Stands for the placement of an instance whose triangles are in the world's tree.
 const NOT_PLACED: u32 = u32::MAX;
 
-const ALL_VISIBLE: u16 = 0b11_1111;
+const ALL_VISIBLE: u16 = 0b111_1111;
 
 /// Place of the bits of rays that meet shadow catchers alone.
 const CATCHERS_ONLY: u8 = 8;
 
 /// Bit for each [`RayKind`] that sees an instance. Rays from volume scattering count as diffuse, too, as in Cycles (`path_state_ray_visibility`).
 pub(crate) fn visibility_bits(instance: &Instance) -> u8 {
-    [
+    let bits = [
         (instance.visible_camera, RayKind::Camera),
         (instance.visible_diffuse, RayKind::Diffuse),
         (instance.visible_glossy, RayKind::Glossy),
@@ -321,7 +322,9 @@ pub(crate) fn visibility_bits(instance: &Instance) -> u8 {
         (instance.visible_shadow, RayKind::Shadow),
     ]
     .into_iter()
-    .fold(0, |bits, (visible, kind)| bits | u8::from(visible) << kind as u8)
+    .fold(0, |bits, (visible, kind)| bits | u8::from(visible) << kind as u8);
+    // What some ray sees, rays of nodes do.
+    bits | u8::from(bits != 0) << RayKind::Raycast as u8
 }
 
 #[cfg(target_arch = "x86_64")]

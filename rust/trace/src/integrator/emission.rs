@@ -50,7 +50,7 @@ impl Integrator<'_> {
         let Some(lights) = &self.lights else { return };
         let media = match (&self.media, route) {
             (Some(media), Some(route)) => Some(ShadowMedia {
-                space: self.space(media, vertex.time()),
+                space: self.space(media, vertex.time(), path.ray_info().shadow_from(vertex.position())),
                 stack: route.stack,
                 crossing: HullCrossing::default(),
                 numbers: TrackingNumbers::new(draws.at(SHADOW_GROUP)),
