@@ -11,6 +11,7 @@ STRUCTURE = "no shader: it only arranges or connects others"
 OUTPUTS = "an output: what feeds it is exported, other outputs make no picture"
 OTHER_ENGINE = "of EEVEE or Freestyle; Cycles does not know it"
 NO_INPUT = "named, and taken as a constant"
+PURE_COLORS = "colours beyond the working space are taken from the nearest wavelengths"
 
 ELSEWHERE = {
     "ShaderNodeRGB",
@@ -23,7 +24,7 @@ ELSEWHERE = {
     *("FunctionNodeSliceString", "FunctionNodeTrimString", "FunctionNodeValueToString"),
     *("GeometryNodeInputSceneTime", "GeometryNodeRepeatInput", "GeometryNodeRepeatOutput", "GeometryNodeWarning"),
     *("NodeClosureInput", "NodeClosureOutput", "NodeEvaluateClosure", "NodeImplicitConversion"),
-    *("NodeCombineBundle", "NodeSeparateBundle"),
+    *("NodeCombineBundle", "NodeJoinBundle", "NodeSeparateBundle"),
 }
 """Constants, texts, and nodes that hand on their inputs: the graph itself follows them."""
 
@@ -45,11 +46,11 @@ NODES: dict[str, tuple[str, str]] = {
     "ShaderNodeScript": (NOT, "named: scripts in Open Shading Language run in Cycles alone"),
     "GeometryNodeMenuSwitch": (EQUAL, ""),
     "FunctionNodeFormatString": (NOT, "named where a number comes of it, which is 0"),
-    "NodeJoinBundle": (APPROXIMATED, "of bundles that are combined right before"),
     **dict.fromkeys(
-        ("ShaderNodeTexPointDensity", "ShaderNodeRadialTiling", "ShaderNodeRaycast"),
+        ("ShaderNodeTexPointDensity", "ShaderNodeRadialTiling"),
         (NOT, NO_INPUT),
     ),
+    "ShaderNodeRaycast": (APPROXIMATED, "attributes of what is met are named, and 0; it meets all objects"),
 }
 
 
@@ -60,13 +61,16 @@ OPTIONS: dict[tuple[str, str, str], tuple[str, str]] = {
     ),
     ("ShaderNodeNormalMap", "space", "BLENDER_OBJECT"): (APPROXIMATED, "Cycles is brighter where normals turn away"),
     ("ShaderNodeNormalMap", "space", "BLENDER_WORLD"): (APPROXIMATED, "Cycles is brighter where normals turn away"),
-    ("ShaderNodeAttribute", "attribute_type", "INSTANCER"): (APPROXIMATED, "not what geometry nodes give instances"),
+    ("ShaderNodeAttribute", "attribute_type", "INSTANCER"): (
+        APPROXIMATED,
+        "without what geometry nodes give, before Blender 4.5",
+    ),
 }
 """Items of properties that differ from their node."""
 
 SOCKETS: dict[tuple[str, str], tuple[str, str]] = {
-    ("ShaderNodeBsdfPrincipled", "Transmission Dispersion Scale"): (NOT, "named, and none"),
-    ("ShaderNodeBsdfPrincipled", "Transmission Dispersion Abbe Number"): (NOT, "named, and none"),
+    ("ShaderNodeBsdfPrincipled", "Transmission Dispersion Scale"): (APPROXIMATED, PURE_COLORS),
+    ("ShaderNodeBsdfPrincipled", "Transmission Dispersion Abbe Number"): (APPROXIMATED, PURE_COLORS),
     ("ShaderNodeBsdfPrincipled", "Sheen Weight"): (APPROXIMATED, "up to 4 % off: a fit to Cycles' table"),
     ("ShaderNodeBsdfSheen", "Roughness"): (APPROXIMATED, "up to 4 % off: a fit to Cycles' table"),
 }

@@ -164,6 +164,25 @@ def test_zones_closures_and_bundles_are_followed(scene, tmp_path):
     emission = node(tree, "ShaderNodeEmission", {0: separate.outputs["Tint"], 1: separate.outputs["Strength"]})
     cards.show(tree, output, emission.outputs[0])
 
+    tree, output = cards.add("joined bundles")
+    joined, separate = tree.nodes.new("NodeJoinBundle"), tree.nodes.new("NodeSeparateBundle")
+    first, other, again = (
+        ("Tint", (0.1, 0.6, 0.3, 1.0)),
+        ("Shade", (0.5, 0.1, 0.2, 1.0)),
+        ("Tint", (0.9, 0.2, 0.7, 1.0)),
+    )
+    for name, color in (first, other, again):
+        combined, reroute = tree.nodes.new("NodeCombineBundle"), tree.nodes.new("NodeReroute")
+        combined.bundle_items.new("RGBA", name)
+        combined.inputs[name].default_value = color
+        tree.links.new(combined.outputs[0], reroute.inputs[0])
+        tree.links.new(reroute.outputs[0], joined.inputs[0])
+    for name in ("Tint", "Shade"):
+        separate.bundle_items.new("RGBA", name)
+    tree.links.new(joined.outputs[0], separate.inputs[0])
+    mixed = node(tree, "ShaderNodeVectorMath", {0: separate.outputs["Tint"], 1: separate.outputs["Shade"]})
+    cards.show(tree, output, mixed.outputs[0])
+
     tree, output = cards.add("time")
     time = tree.nodes.new("GeometryNodeInputSceneTime")
     scaled = node(tree, "ShaderNodeMath", {0: time.outputs["Frame"], 1: 0.05, 2: time.outputs["Seconds"]})

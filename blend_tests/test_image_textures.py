@@ -1,12 +1,16 @@
 """Tiles and projections of images are those of Cycles."""
 
+import math
+
 import bpy
 import numpy as np
 import pytest
 from mathutils import Euler
 
 from addon.engine.reading.scene import load_scene
+from addon.engine.world import worlds
 from cards import Cards, differences, node
+from helpers import add_quad, add_world, both_lit
 
 pytestmark = pytest.mark.every_version
 
@@ -164,3 +168,22 @@ def test_coordinates_of_another_object_are_those_of_cycles(scene, tmp_path, pict
     means, warnings = cards.means(tmp_path, samples=128)
     assert differences(means, tolerance=0.03) == {}
     assert warnings == []
+
+
+@pytest.mark.parametrize("kind", ["ShaderNodeTexImage", "ShaderNodeTexEnvironment"])
+def test_worlds_show_tiles_as_cycles_does(scene, tmp_path, kind, monkeypatch):
+    """Environment textures show none of them, there."""
+    monkeypatch.setattr(worlds, "WIDTH", 256)
+    background = add_world(scene, strength=1.0)
+    tree = scene.world.node_tree
+    generated = node(tree, "ShaderNodeTexCoord").outputs["Generated"]
+    vector = node(tree, "ShaderNodeMapping", {"Vector": generated, "Location": (1.0, 1.0, 0.0)}).outputs[0]
+    texture = node(tree, kind, {"Vector": vector}, image=tiled(tmp_path))
+    tree.links.new(texture.outputs["Color"], background.inputs["Color"])
+    add_quad(scene, size=0.01)
+    camera, render = scene.camera, scene.render
+    camera.location, camera.rotation_euler = (0.0, 0.0, 1.0), (math.pi / 2, 0.0, 0.5)
+    render.resolution_x, render.resolution_y = 24, 12
+    ours, cycles = both_lit(scene, tmp_path / "bake", 64)
+    ours, cycles = (image.reshape(2, 6, 4, 6, 3).mean(axis=(1, 3)) for image in (ours[::-1], cycles))
+    assert np.abs(ours - cycles).max() < 0.05

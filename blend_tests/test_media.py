@@ -154,6 +154,34 @@ def test_density_by_a_texture(stage, tmp_path):
     assert_equal_to_cycles(stage, tmp_path, SAMPLES // 2)
 
 
+@pytest.mark.parametrize("socket", ["Is Camera Ray", "Is Shadow Ray", "Is Diffuse Ray", "Ray Depth"])
+def test_density_by_the_ray(stage, tmp_path, socket):
+    tree, output = fill(cube())
+    path = node(tree, "ShaderNodeLightPath").outputs[socket]
+    density = node(tree, "ShaderNodeMath", {0: path, 1: 0.5, 2: 0.2}, operation="MULTIPLY_ADD")
+    inputs = {"Density": density.outputs[0], "Color": (0.8, 0.8, 0.8, 1.0)}
+    tree.links.new(node(tree, "ShaderNodeVolumeScatter", inputs).outputs[0], output.inputs["Volume"])
+    assert_equal_to_cycles(stage, tmp_path)
+
+
+def test_smoke_and_its_glow_by_the_ray(stage, tmp_path):
+    """A medium that differs from place to place too, under a shining plate."""
+    stage.objects["Lamp"].hide_render = True
+    material, tree, output = add_material("Shine")
+    emission = node(tree, "ShaderNodeEmission", {"Strength": 4.0})
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    add_quad(stage, "Plate", size=1.0, material=material).location = (1.4, 0.0, 1.2)
+    tree, output = fill(cube())
+    path = node(tree, "ShaderNodeLightPath").outputs
+    noise = node(tree, "ShaderNodeTexNoise", {"Scale": 2.0, "Detail": 0.0}).outputs[0]
+    density = node(tree, "ShaderNodeMath", {0: noise, 1: path["Is Shadow Ray"]}, operation="MULTIPLY_ADD")
+    tree.links.new(path["Is Camera Ray"], density.inputs[2])
+    glow = node(tree, "ShaderNodeMath", {0: path["Is Diffuse Ray"], 1: 0.2}, operation="MULTIPLY")
+    inputs = {"Density": density.outputs[0], "Color": (0.8, 0.8, 0.8, 1.0), "Emission Strength": glow.outputs[0]}
+    tree.links.new(node(tree, "ShaderNodeVolumePrincipled", inputs).outputs[0], output.inputs["Volume"])
+    assert_equal_to_cycles(stage, tmp_path, SAMPLES // 2)
+
+
 def test_glowing_gas(stage, tmp_path):
     stage.objects["Lamp"].hide_render = True
     inputs = {"Density": 0.5, "Emission Strength": 0.2, "Emission Color": (1.0, 0.3, 0.1, 1.0)}

@@ -6,7 +6,6 @@ import pytest
 
 from addon.engine.reading.scene import load_scene
 from cards import Cards, differences, node
-from helpers import add_material, add_quad, exported
 
 pytestmark = pytest.mark.every_version
 
@@ -124,20 +123,3 @@ def test_values_of_objects_within_volumes_are_said(scene):
     fog = node(tree, "ShaderNodeVolumeScatter", {"Color": reader.outputs["Color"]})
     tree.links.new(fog.outputs[0], output.inputs["Volume"])
     assert any("not known within volumes" in warning for warning in load_scene(scene).warnings)
-
-
-def test_what_nodes_may_give_their_instances_is_named(scene):
-    material, tree, output = add_material("Tinted")
-    reader = node(tree, "ShaderNodeAttribute", attribute_type="INSTANCER", attribute_name="tint")
-    tree.links.new(reader.outputs["Color"], output.inputs["Surface"])
-    points = add_quad(scene, "Grid", material=material)
-    group = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
-    for in_out in ("INPUT", "OUTPUT"):
-        group.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
-    cube = node(group, "GeometryNodeSetMaterial", {"Geometry": node(group, "GeometryNodeMeshCube").outputs[0]})
-    cube.inputs["Material"].default_value = material
-    inputs = {"Points": node(group, "NodeGroupInput").outputs[0], "Instance": cube.outputs[0]}
-    instances = node(group, "GeometryNodeInstanceOnPoints", inputs)
-    node(group, "NodeGroupOutput", {"Geometry": instances.outputs[0]})
-    points.modifiers.new("Scatter", "NODES").node_group = group
-    assert any("attributes that nodes give their instances" in text for text in exported(scene)["warnings"])

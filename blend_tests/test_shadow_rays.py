@@ -4,7 +4,7 @@ import bpy
 import pytest
 
 from cards import Cards, differences, node
-from helpers import add_light, add_material, add_quad, both_lit, exported
+from helpers import add_light, add_material, add_quad, both_lit
 
 pytestmark = pytest.mark.oldest_and_newest
 
@@ -133,13 +133,3 @@ def test_light_path_tells_of_rays_as_in_cycles(scene, socket, tmp_path):
     assert warnings == []
     assert max(cycles.max() for _, cycles in means.values()) > 0.5
     assert differences(means, 0.03) == {}
-
-
-def test_light_path_of_a_volume_is_named(scene):
-    material, tree, output = add_material("Fog")
-    path = node(tree, "ShaderNodeLightPath").outputs["Is Camera Ray"]
-    scatter = node(tree, "ShaderNodeVolumeScatter", {"Density": path})
-    tree.links.new(scatter.outputs[0], output.inputs["Volume"])
-    bpy.ops.mesh.primitive_cube_add()
-    bpy.context.object.data.materials.append(material)
-    assert any("light path 'Is Camera Ray' of a volume" in text for text in exported(scene)["warnings"])

@@ -71,15 +71,3 @@ def test_every_input_of_every_closure_is_read_or_named(scene):
         if " " in name and description == found[name.split(" ")[0]] and f"material '{name}'" not in said
     ]
     assert unread == []
-
-
-def test_dispersion_is_named_where_light_is_transmitted(scene):
-    material = closure("Prism", "ShaderNodeBsdfPrincipled")
-    add_quad(scene, "Prism", material=material)
-    node = material.node_tree.nodes[kind_name("ShaderNodeBsdfPrincipled")]
-    if "Transmission Dispersion Scale" not in node.inputs:
-        pytest.skip("this version has no dispersion")
-    node.inputs["Transmission Dispersion Scale"].default_value = 1.0
-    assert exported(scene)["warnings"] == []
-    node.inputs["Transmission Weight"].default_value = 1.0
-    assert ["dispersion" in text for text in exported(scene)["warnings"]] == [True]

@@ -23,6 +23,8 @@ LINEAR_SPACES = {"Non-Color", "Raw", "Linear Rec.709", "Linear", "scene_linear",
 SRGB_SPACES = {"sRGB", "Utility - sRGB - Texture"}
 LAST_NUMBER = re.compile(r"\d+(?=[^\d/\\]*\.[^./\\]*$)")
 """Frame number in a file's name, without its extension, where it is one of a sequence."""
+NO_SPACE = "Non-Color"
+"""Colour space of values that stay as they are."""
 MAGENTA = np.array([[[255, 0, 255, 255]]], np.uint8)
 
 
@@ -38,6 +40,8 @@ class Encoded:
     """Path of the file, or what is in it."""
     pixels: np.ndarray | None = None
     """Pixels [height, width, 4] from 0 to 1 in the colour space, bottom row first, of what is in no file."""
+    frame: int | None = None
+    """Frame of a movie, from 1 on; None of a picture."""
 
 
 class ConvertError(Exception):
@@ -63,16 +67,34 @@ class ImageExporter:
         self.convert = convert
         self.frame = frame
         """Frame of the scene, for images of a sequence."""
-        self.numbers: dict[tuple[str, str], int] = {}
+        self.numbers: dict[tuple[str, str, int | None], int] = {}
         self.tile_numbers: dict[tuple[str, int], int | None] = {}
 
     def number(self, image: bpy.types.Image, user: str, settings: bpy.types.ImageUser) -> int:
         """Number of an image as a node's settings choose it; `user` names who asks, for messages."""
         path = path_of(image, settings, self.frame)
-        key = image.name_full, path
+        frame = max(1, frame_of(settings, self.frame)) if image.source == "MOVIE" else None
+        key = image.name_full, path, frame
         if key not in self.numbers:
-            self.numbers[key] = self._export(image, path, user)
+            shown = self._of_movie(image, path, frame, user) if frame is not None else None
+            self.numbers[key] = self._export(image, path, user) if shown is None else shown
         return self.numbers[key]
+
+    def _of_movie(self, image: bpy.types.Image, path: str, frame: int, user: str) -> int | None:
+        """A frame of a movie; None if it cannot be read. Bytes stay as they are, as those of a picture."""
+        known = image.colorspace_settings.name or "sRGB"  # It has none before it is first shown.
+        colors = colors_of(image) or ("srgb" if known in SRGB_SPACES else None)
+        colors = colors if keeps_bytes() or colors == "data" else None
+        space = known if colors is None else NO_SPACE
+        try:
+            texels = self.convert(Encoded(space, "NONE", path, frame=frame))
+        except ConvertError as error:
+            self.builder.warn(f"{user}: frame {frame} of movie '{image.name}' could not be read ({error})")
+            return None
+        if colors is not None:
+            texels = np.rint(255.0 * texels).astype(np.uint8)
+        encoding = "srgb" if colors == "srgb" else "linear"
+        return self.builder.add_texture(image.name, texels, encoding=encoding, alpha="none")
 
     def missing(self, user: str) -> int:
         """Blender's magenta, for a texture node without an image file."""
@@ -279,6 +301,11 @@ def note_on(image: bpy.types.Image) -> str:
     if image.source in {"MOVIE", "SEQUENCE"}:
         return f"image '{image.name}' is a {image.source.lower()}; the frame that Blender has of it is used"
     return f"image '{image.name}' is tiled; its first tile is used" if image.source == "TILED" else ""
+
+
+def has_tile_files(image: bpy.types.Image) -> bool:
+    """True if an image has tiles that show the pixels of their files."""
+    return image.source == "TILED" and not image.packed_files and not image.is_dirty
 
 
 def is_as_in_file(image: bpy.types.Image) -> bool:

@@ -105,7 +105,7 @@ class Instancers:
     def placed_by(self, obj: bpy.types.Object) -> set[bpy.types.Object]:
         """Objects that an object itself instances, or would if nothing were hidden."""
         children = set(obj.children_recursive) if obj.instance_type in {"VERTS", "FACES"} else set()
-        return children.union(_objects_of(_blocks([_instanced_by(obj)])), *map(self.placed_by_modifier, obj.modifiers))
+        return children.union(_objects_of(_blocks([instanced_by(obj)])), *map(self.placed_by_modifier, obj.modifiers))
 
     def placed_by_modifier(self, modifier: bpy.types.Modifier) -> set[bpy.types.Object]:
         """Objects that a modifier may instance, also one that is off."""
@@ -113,7 +113,7 @@ class Instancers:
 
     def _shown_by(self, obj: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, bool]]:
         """Objects that an object itself may instance in renders, each with True if it is shown even where hidden."""
-        if (instanced := _instanced_by(obj)) is not None:
+        if (instanced := instanced_by(obj)) is not None:
             yield from self._shown_in(instanced)
         for block in [*self._nodes_of(obj).blocks, *self._particles_of(obj)]:
             if isinstance(block, bpy.types.Object):
@@ -141,7 +141,7 @@ class Instancers:
         is enough that they show the light at all. `is_rendered` is called with the scene's own objects."""
         numbers = tuple(number for number in reversed(path) if number != NO_NUMBER)
         # Which of their instances it is says nothing of points and faces, of which there may be thousands.
-        key = owner, light, numbers if _instanced_by(owner) else numbers[1:]
+        key = owner, light, numbers if instanced_by(owner) else numbers[1:]
         if key not in self._rendered:
             shown = list(self._instances(owner, numbers, light, is_rendered))
             self._rendered[key] = any(shown) if shown else light in self.reached_from(owner)
@@ -154,7 +154,7 @@ class Instancers:
         `is_here` tells what renders show of the scene or collection that the object itself is shown in."""
         if not path:
             return
-        if (instanced := _instanced_by(by)) is not None:
+        if (instanced := instanced_by(by)) is not None:
             yield from self._in_place(self._objects_of(instanced), path[0], path[1:], light)
             return
         for child in by.children_recursive if by.instance_type in {"VERTS", "FACES"} else ():
@@ -274,7 +274,8 @@ def _rendered_modifiers(obj: bpy.types.Object, kind: str) -> list[bpy.types.Modi
     return [modifier for modifier in obj.modifiers if modifier.type == kind and modifier.show_render]
 
 
-def _instanced_by(obj: bpy.types.Object) -> bpy.types.Collection | None:
+def instanced_by(obj: bpy.types.Object) -> bpy.types.Collection | None:
+    """Collection that an object instances."""
     return obj.instance_collection if obj.instance_type == "COLLECTION" else None
 
 

@@ -4,7 +4,7 @@ theirs with up to four numbers. Looked up as in Blender's `BKE_object_dupli_find
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, TypeAlias
@@ -24,6 +24,8 @@ MATRIX, MATRIX_INVERSE = "\tworld from object ", "\tobject from world "
 PARTICLE = "\tparticle "
 """How the names of what the node Particle Info tells begin: its output follows."""
 NO_VALUE: Rgba = (0.0, 0.0, 0.0, 0.0)
+Given: TypeAlias = Callable[[bpy.types.DepsgraphObjectInstance, str], Rgba | None]
+"""Finds an attribute that nodes give an instance."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +50,11 @@ def object_name(kind: str, name: str) -> str:
     return f"\t{kind}\t{name}"
 
 
-def values_of_instance(instance: bpy.types.DepsgraphObjectInstance, names: Iterable[str]) -> list[tuple[str, Rgba]]:
-    """Values of an instance for the names that materials ask it for."""
-    return [(name, _finite(_value(instance, name))) for name in sorted(names)]
-
-
-def asks_instancer(names: Iterable[str]) -> bool:
-    """True if materials ask for attributes that an instancer may give its instances."""
-    return any(name.startswith(object_name("INSTANCER", "")) for name in names)
+def values_of_instance(
+    instance: bpy.types.DepsgraphObjectInstance, names: Iterable[str], given: Given
+) -> list[tuple[str, Rgba]]:
+    """Values of an instance for the names that materials ask it for. `given` finds what nodes give it."""
+    return [(name, _finite(_value(instance, name, given))) for name in sorted(names)]
 
 
 def value_of_layer(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, name: str) -> Rgba:
@@ -63,7 +62,7 @@ def value_of_layer(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, name: str
     return _finite(_first((layer, scene, scene.world), name))
 
 
-def _value(instance: bpy.types.DepsgraphObjectInstance, name: str) -> Rgba:
+def _value(instance: bpy.types.DepsgraphObjectInstance, name: str, given: Given) -> Rgba:
     if name == OF_INSTANCER["generated"]:
         # Cycles' own scale of what Blender gives.
         x, y, z = [0.5 * value - 0.5 for value in instance.orco] if instance.is_instance else [0.0] * 3
@@ -78,7 +77,18 @@ def _value(instance: bpy.types.DepsgraphObjectInstance, name: str) -> Rgba:
     if name.startswith(PARTICLE):
         return _of_particle(instance, name.removeprefix(PARTICLE))
     _, kind, asked = name.split("\t", 2)
-    return _first(_owners(instance, kind == "INSTANCER"), asked)
+    if kind == "INSTANCER" and instance.is_instance:
+        return _of_instancer(instance, asked, given)
+    return _first((instance.object, instance.object.data), asked)
+
+
+def _of_instancer(instance: bpy.types.DepsgraphObjectInstance, asked: str, given: Given) -> Rgba:
+    particles = instance.particle_system
+    if particles is not None and (value := find_rgba(particles.settings, asked)) is not None:
+        return value
+    if (value := given(instance, asked)) is not None:
+        return value
+    return _first((instance.parent, instance.object, instance.object.data), asked)
 
 
 def _of_particle(instance: bpy.types.DepsgraphObjectInstance, asked: str) -> Rgba:
@@ -99,15 +109,6 @@ def _of_particle(instance: bpy.types.DepsgraphObjectInstance, asked: str) -> Rgb
         x, y, z = getattr(particle, asked.lower().replace(" ", "_"))
         return x, y, z, 1.0
     return value, value, value, value
-
-
-def _owners(instance: bpy.types.DepsgraphObjectInstance, of_instancer: bool) -> Iterator[bpy.types.ID | None]:
-    if of_instancer and instance.is_instance:
-        if instance.particle_system is not None:
-            yield instance.particle_system.settings
-        yield instance.parent
-    yield instance.object
-    yield instance.object.data
 
 
 def _first(owners: Iterable[Any], name: str) -> Rgba:

@@ -16,15 +16,16 @@ from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .culling import Culling
 from .curves import CurvesExporter, Move, Strands
+from .dicing import DicingExporter
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
+from .instance_attributes import InstanceAttributes, UnknownInstanceError
 from .lamp_shaders import LampShaders
-from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
 from .motion import FrameSet, Motion, followed, owner_of
-from .object_attributes import asks_instancer, surroundings_of, values_of_instance
+from .object_attributes import Rgba, surroundings_of, values_of_instance
 from .points import PointsExporter
 from .volumes import VolumeExporter, density_factor, has_velocity, smoke_domain
 from .world import Space, WorldRenderError, export_world, world_of
@@ -77,16 +78,14 @@ def export_scene(
     colour spaces. `frame_set` shows other frames in the depsgraph; without it nothing moves."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
-    if not depsgraph.view_layer.use_solid:
-        layer = depsgraph.view_layer.name
-        raise ExportError(f"view layer '{layer}' renders no meshes; switch on Surfaces in its filters")
     scene = depsgraph.scene_eval
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     camera = _camera_object(depsgraph, options)
     builder.set_camera(camera_json(camera, scene, size))
     frame = scene.frame_current
     with followed(depsgraph, camera, frame_set) as motion:
-        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame).run()
+        dicing = DicingExporter(depsgraph, camera, size)
+        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame, dicing).run()
         if moved := motion.camera_json(camera):
             builder.set_camera(camera_json(camera, scene, size, moved))
 
@@ -138,6 +137,7 @@ class _SceneExporter:
         convert_image: Convert,
         motion: Motion,
         frame: int,
+        dicing: DicingExporter,
     ):
         """Exports what the depsgraph shows and its motion; images are those of the frame."""
         self.builder, self.motion = builder, motion
@@ -156,11 +156,15 @@ class _SceneExporter:
             LampShaders(builder.constant_emission, builder.empty, frame),
         )
         names = asked_attributes()
-        self.geometry = GeometryExporter(builder, names)
+        self.geometry = GeometryExporter(builder, names, dicing)
         self.curves = CurvesExporter(builder, depsgraph.scene, names)
         self.points = PointsExporter(builder, names)
         self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
         self.may_displace = any(material.displacement_method != "BUMP" for material in bpy.data.materials)
+        self.given = InstanceAttributes()
+        self.not_given: set[int] = set()
+        """Uids of objects whose instances have attributes that are not known."""
+        self.casts_rays = bpy.app.version >= (5, 3, 0) and casts_rays()
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, str, int], _Shared] = {}
@@ -184,7 +188,7 @@ class _SceneExporter:
                 self.lights.export(obj, owner_of(instance), instance.matrix_world, self.camera)
             elif obj.type == "VOLUME" or (obj.type == "MESH" and not instance.is_instance and smoke_domain(obj)):
                 self._export_volume(instance)
-            elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
+            elif obj.type == "MESH" and self.view_layer.use_solid:  # Such are curves, text and metaballs, too.
                 number = self.geometry.mesh_number(obj, self._is_displaced(obj), self._move(instance))
                 if number is not None:
                     self._place(instance, _Placed("mesh", number, self.geometry.attributes[number]))
@@ -193,6 +197,9 @@ class _SceneExporter:
                     self._export_strands(instance, strands)
             elif obj.type == "POINTCLOUD" and (cloud := self.points.of_cloud(obj, self._move(instance))) is not None:
                 self._place(instance, _Placed("points", *cloud))
+        if any(shared.settings["is_shadow_catcher"] for shared in self.shared.values()):
+            for name in self.lights.not_on_catchers:
+                self.builder.warn(f"light '{name}': it cannot be kept from shadow catchers; it lights them too")
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
         world = world_of(scene, view_layer)
         volume = self.materials.world_volume(world) if world is not None else None
@@ -226,9 +233,10 @@ class _SceneExporter:
         owner = owner_of(instance).original
         key = obj.original.session_uid, owner.session_uid, placed.kind, placed.number
         if key not in self.shared:
-            self.shared[key] = self._shared(obj, owner, placed, instance.is_instance)
+            self.shared[key] = self._shared(obj, owner, placed)
         shared = self.shared[key]
-        attributes = {"attributes": values_of_instance(instance, shared.asked)} if shared.asked else {}
+        asked = shared.asked
+        attributes = {"attributes": values_of_instance(instance, asked, self._given)} if asked else {}
         moved = {"motion": keys} if (keys := self.motion.of_instance(instance)) else {}
         self.builder.add_instance(
             shared.name,
@@ -243,10 +251,9 @@ class _SceneExporter:
             **volume,
         )
 
-    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed, is_instance: bool) -> _Shared:
+    def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed) -> _Shared:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
-        warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
         number = self.materials.number_in_volume if placed.is_hull else self.materials.number
         materials = [number(material, obj.name) for material in self._slots(obj)]
         if placed.kind != "mesh":
@@ -262,15 +269,24 @@ class _SceneExporter:
             "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
+            "is_shadow_catcher": obj.is_shadow_catcher or owner.is_shadow_catcher,
             **self._links(owner, materials),
             "is_holdout": owner.is_holdout or owner.holdout_get(view_layer=self.view_layer),
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
         asked = set().union(*(self.materials.of_objects.get(number, ()) for number in materials))
-        if is_instance and asks_instancer(asked) and any(each.type == "NODES" for each in owner.modifiers):
-            words = "attributes that nodes give their instances are not known; those of the instancer are taken"
-            self.builder.warn(f"object '{obj.name}': {words}")
         return _Shared(obj.name, materials, settings, asked)
+
+    def _given(self, instance: bpy.types.DepsgraphObjectInstance, name: str) -> Rgba | None:
+        """An attribute that nodes give an instance."""
+        try:
+            return self.given.find(instance, name)
+        except UnknownInstanceError:
+            if (uid := instance.object.original.session_uid) not in self.not_given:
+                self.not_given.add(uid)
+                words = "attributes that nodes give their instances are not known; those of the instancer are taken"
+                self.builder.warn(f"object '{instance.object.name}': {words}")
+            return None
 
     def _slots(self, obj: bpy.types.Object) -> list[bpy.types.Material | None]:
         """Materials of an evaluated object: it has a slot for each of its mesh."""
@@ -308,9 +324,8 @@ class _SceneExporter:
             warn(f"object '{name}': curves that its geometry nodes leave without a profile are left out, as by Cycles")
 
     def _warn_about_rays(self, obj: bpy.types.Object) -> None:
-        warn, name = self.builder.warn, obj.name
-        if obj.is_shadow_catcher:
-            warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
+        if self.casts_rays and not getattr(obj, "visible_raycast", True):
+            self.builder.warn(f"object '{obj.name}': rays of the node Raycast meet it all the same")
 
     def _links(self, owner: bpy.types.Object, materials: list[int]) -> dict[str, Any]:
         """Light linking and shadow linking of what shines."""
@@ -347,3 +362,9 @@ def shadow_terminator(obj: bpy.types.Object) -> tuple[float, float]:
         return obj.shadow_terminator_geometry_offset, obj.shadow_terminator_shading_offset
     cycles = getattr(obj, "cycles", None)
     return (cycles.shadow_terminator_geometry_offset, cycles.shadow_terminator_offset) if cycles else (0.1, 0.0)
+
+
+def casts_rays() -> bool:
+    """True if a node of the file sends rays that objects may be hidden from."""
+    trees = [*(material.node_tree for material in bpy.data.materials), *bpy.data.node_groups]
+    return any(node.bl_idname == "ShaderNodeRaycast" for tree in trees if tree is not None for node in tree.nodes)

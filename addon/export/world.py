@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import bpy
 from mathutils import Euler, Matrix
 
-from .images import ImageExporter, note_on
+from .images import ImageExporter, has_tile_files, note_on
 from .materials.coordinates import is_mapped
 from .materials.graph import Source, is_implied, surface_socket, used_tree
 from .world_graph import KINDS_ALONE, LIGHT_PATHS, UnsupportedNodeError, WorldGraph, WorldReader, place_of
@@ -169,9 +169,10 @@ class _WorldExporter:
         if not isinstance(texture, Source) or texture.node.bl_idname != "ShaderNodeTexEnvironment":
             return None
         mapping = None if is_mapped(texture.node) else self._direction(texture, "Vector")
-        if texture.node.projection != "EQUIRECTANGULAR" or texture.node.image is None or mapping is None:
+        image = texture.node.image
+        if texture.node.projection != "EQUIRECTANGULAR" or image is None or mapping is None or image.source == "TILED":
             return None
-        number = self.images.number(texture.node.image, f"world '{self.world.name}'", texture.node.image_user)
+        number = self.images.number(image, f"world '{self.world.name}'", texture.node.image_user)
         return Seen((strength,) * 3, number, tuple(tuple(row) for row in mapping))
 
     def _strength(self, background: Source) -> float | None:
@@ -224,7 +225,8 @@ class _WorldExporter:
             graph = WorldGraph(surface, self.reader)
             if strength is not None:
                 graph.take_strength()
-            for note in filter(None, map(note_on, graph.images.values())):
+            rest = (image for image in graph.images.values() if not has_tile_files(image))
+            for note in filter(None, map(note_on, rest)):
                 self._warn(note)
             if graph.text not in self.rendered:
                 self.rendered[graph.text] = self.texture_of(graph, self.world.name)

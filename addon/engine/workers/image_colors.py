@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -36,7 +37,7 @@ def converted(image: Encoded, stop: Stop) -> np.ndarray:
 
 
 def _write_job(place: Path, image: Encoded) -> None:
-    job = {"space": image.space, "alpha": image.alpha, "working_space": working_space()}
+    job = {"space": image.space, "alpha": image.alpha, "working_space": working_space(), "frame": image.frame}
     if image.pixels is not None:
         np.save(place / PIXELS, image.pixels)
     elif isinstance(image.file, bytes):
@@ -61,19 +62,21 @@ def convert(place: Path) -> None:
     np.save(place / RESULT, _loaded(job) if "file" in job else _linear(np.load(place / PIXELS), job))
 
 
-def _loaded(job: dict[str, str]) -> np.ndarray:
+def _loaded(job: dict[str, Any]) -> np.ndarray:
     image = bpy.data.images.load(job["file"])
     image.colorspace_settings.name, image.alpha_mode = job["space"], job["alpha"]
     width, height = image.size
     if not width or not height:
         raise ConvertError("its file has no pixels")
+    if job["frame"] is not None:
+        image.scale(width, height, frame=job["frame"])  # Shows the frame, whose size it has.
     pixels = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(pixels)
     rgba = as_rgba(pixels.reshape(height, width, image.channels))
     return rgba if image.is_float else _linear(rgba, job)
 
 
-def _linear(encoded: np.ndarray, job: dict[str, str]) -> np.ndarray:
+def _linear(encoded: np.ndarray, job: dict[str, Any]) -> np.ndarray:
     """Pixels of 8 bits, which Blender keeps as they are in their file, as scene-linear ones."""
     alpha = encoded[..., 3:]
     is_multiplied = job["alpha"] in MULTIPLIED

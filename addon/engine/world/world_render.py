@@ -105,7 +105,11 @@ class _World:
 
     def _opened(self, image: dict[str, Any]) -> bpy.types.Image:
         if "file" in image:
-            opened = bpy.data.images.load(str(self.place / image["file"]))
+            opened = bpy.data.images.load(str(self.place / image.get("first", image["file"])))
+            if "tiles" in image:
+                opened.source, opened.filepath = "TILED", image["file"]
+                for number in set(image["tiles"]) - {tile.number for tile in opened.tiles}:
+                    opened.tiles.new(number)
             opened.colorspace_settings.name = image["space"]
             opened.alpha_mode = image["alpha"]
             if image.get("is_packed"):  # Cycles reads the alpha of packed images in another way than that of files.

@@ -15,7 +15,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...export.images import is_as_in_file
+from ...export.images import has_tile_files, is_as_in_file, tile_path
 from ...export.stop import Stop
 from ...export.working_space import working_space
 from ...export.world import WorldRenderError
@@ -92,6 +92,11 @@ class _Contents:
 def _contents(image: bpy.types.Image) -> _Contents:
     settings = image.colorspace_settings
     common = {"space": settings.name, "is_data": settings.is_data, "alpha": image.alpha_mode}
+    if has_tile_files(image):
+        path = bpy.path.abspath(image.filepath, library=image.library)
+        files = {tile.number: tile_path(path, tile.number) for tile in image.tiles}
+        written = [[file, _written(file, image.name)] for file in files.values()]
+        return _Contents(common | {"tiles": sorted(files), "file": path, "first": written[0][0], "written": written})
     if not is_as_in_file(image):
         if not len(image.pixels):
             raise WorldRenderError(f"image '{image.name}' has no pixels: is its file still there?")
@@ -104,11 +109,16 @@ def _contents(image: bpy.types.Image) -> _Contents:
         name = _name(image.packed_file.data)
         return _Contents(common | {"file": name, "is_packed": True}, name, image.packed_file.data)
     path = bpy.path.abspath(image.filepath, library=image.library)
+    return _Contents(common | {"file": path, "written": _written(path, image.name)})
+
+
+def _written(path: str, image: str) -> list[int]:
+    """What changes with an image's file."""
     try:
         found = Path(path).stat()
     except OSError as error:
-        raise WorldRenderError(f"image '{image.name}' could not be read from {path or image.name}") from error
-    return _Contents(common | {"file": path, "written": [found.st_size, found.st_mtime_ns]})
+        raise WorldRenderError(f"image '{image}' could not be read from {path or image}") from error
+    return [found.st_size, found.st_mtime_ns]
 
 
 def _name(data: bytes) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from ..working_space import LINEAR_REC709, working_space
+from .dispersion import dispersion
 from .graph import Context
 from .subsurface import subsurface
 from .translation import TranslateClosure, Translation
@@ -65,8 +66,8 @@ def _principled(t: Translation, node: bpy.types.Node, context: Context) -> int:
         _warn_of_rough_refraction(t, node, context)
     if thin_wall != 0.0 and (fields["subsurface_weight"] != 0.0 or fields["transmission_weight"] != 0.0):
         fields["thin_wall"] = thin_wall
-    if t.value(node, "Transmission Dispersion Scale", context, 0.0) != 0.0 and fields["transmission_weight"] != 0.0:
-        t.warn(f"node '{node.name}': dispersion is not supported yet; all colours are refracted alike")
+    if fields["transmission_weight"] != 0.0:
+        fields |= dispersion(t, node, context)
     return t.emit({"type": "principled", **fields, "distribution": distribution(t, node)})
 
 

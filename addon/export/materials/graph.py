@@ -155,14 +155,14 @@ class Constant(NamedTuple):
     """Passed nodes, as in `Source`."""
 
 
-def trace(socket: bpy.types.NodeSocket, context: Context) -> Source | Constant:
-    """Source of an input socket of a node in some groups."""
+def trace(socket: bpy.types.NodeSocket, context: Context, first: bpy.types.NodeLink | None = None) -> Source | Constant:
+    """Source of an input socket of a node in some groups: that of its `first` link where several lead to it."""
     start = socket
     owner, own_passed = socket, 0  # What counts where links lead nowhere, and how much is passed from there.
     passed: list[str] = []
     is_gap = False  # Whether `socket` is of a reroute or a muted node.
     while True:
-        link = _used_link(socket)
+        link, first = first or _used_link(socket), None
         inner = _inner(link.from_node, link.from_socket) if link is not None else None
         if link is None or (inner is None and _is_left_out(link.from_node, context)):
             if link is not None and IS_INLINED and _is_unknown(link.from_node):
@@ -297,7 +297,7 @@ def _of_bundle(bundle: Source | Constant, name: str) -> _Step | None:
     if node.bl_idname == "NodeCombineBundle" and name in node.inputs:
         return _Step(node.inputs[name], context)
     if node.bl_idname == "NodeJoinBundle":
-        joined = (Source(link.from_node, link.from_socket, context) for link in node.inputs[0].links)
+        joined = (trace(node.inputs[0], context, link) for link in _used_links(node.inputs[0]))
         return next((found for each in joined if (found := _of_bundle(each, name)) is not None), None)
     return None
 
@@ -314,11 +314,13 @@ def _chosen(switch: bpy.types.Node, output: bpy.types.NodeSocket, context: Conte
     return next((socket for socket in switch.inputs[1:] if socket.name == name), None)
 
 
+def _used_links(socket: bpy.types.NodeSocket) -> list[bpy.types.NodeLink]:
+    links = socket.links
+    return [link for link in links if not link.is_muted and link.is_valid and not link.from_socket.is_unavailable]
+
+
 def _used_link(socket: bpy.types.NodeSocket) -> bpy.types.NodeLink | None:
-    return next(
-        (link for link in socket.links if not link.is_muted and link.is_valid and not link.from_socket.is_unavailable),
-        None,
-    )
+    return next(iter(_used_links(socket)), None)
 
 
 def _inner(node: bpy.types.Node, output: bpy.types.NodeSocket) -> bpy.types.NodeSocket | None:

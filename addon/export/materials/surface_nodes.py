@@ -28,6 +28,7 @@ GEOMETRY = {
     "Parametric": "parametric",
     "Backfacing": "backfacing",
 }
+RAYCAST_OUTPUTS = {"Is Hit", "Self Hit", "Hit Distance", "Hit Position", "Hit Normal"}
 BRIGHTEST = 2.52
 """Largest component of Cycles' colours of wavelengths, which are divided by it."""
 
@@ -81,6 +82,27 @@ def _bevel(t: Translation, source: Source) -> Any:
         return {"type": "bevel", "samples": node.samples, "radius": radius, "normal": normal}
 
     return {"node": t.once(source, description), "output": "normal"}
+
+
+def _raycast(t: Translation, source: Source) -> Any:
+    node, asked = source.node, source.socket.identifier
+    is_vector = source.socket.type == "VECTOR"
+    if asked not in RAYCAST_OUTPUTS:
+        t.warn(f"node '{node.name}': '{source.socket.name}' of what its ray meets is not known; taken as 0")
+        return [0.0] * 3 if source.socket.type in {"VECTOR", "RGBA"} else 0.0
+
+    def description() -> dict[str, Any]:
+        direction = t.value(node, "Direction", source.context, None)
+        return {
+            "type": "raycast",
+            "asked": asked.lower().replace(" ", "_"),
+            "only_local": node.only_local,
+            "position": t.value(node, "Position", source.context, None),
+            "direction": t.normal if direction is None else direction,
+            "length": t.value(node, "Length", source.context, 1.0),
+        }
+
+    return {"node": t.once(source, description, asked), "output": "vector" if is_vector else "value"}
 
 
 def _tangent(t: Translation, source: Source) -> Any:
@@ -177,6 +199,7 @@ SURFACE_VALUES: dict[str, TranslateValue] = {
     "ShaderNodeNewGeometry": geometry,
     "ShaderNodeAmbientOcclusion": _ambient_occlusion,
     "ShaderNodeBevel": _bevel,
+    "ShaderNodeRaycast": _raycast,
     "ShaderNodeTangent": _tangent,
     "ShaderNodeWireframe": _wireframe,
     "ShaderNodeParticleInfo": _particle_info,

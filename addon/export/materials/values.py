@@ -203,9 +203,6 @@ def _object_info(t: Translation, source: Source) -> Any:
 
 def _light_path(t: Translation, source: Source) -> Any:
     name = source.socket.identifier
-    if t.in_medium:
-        t.warn(f"node '{source.node.name}': light path '{source.socket.name}' of a volume is taken as for a camera ray")
-        return 1.0 if name == "Is Camera Ray" else 0.0
     return {"node": t.once(source, lambda: {"type": "light_path"}), "output": name.lower().replace(" ", "_")}
 
 

@@ -10,6 +10,7 @@ mod builder;
 mod camera;
 mod curves;
 mod damage;
+mod dispersion;
 mod displacement;
 mod emission_map;
 mod geometry;
@@ -46,6 +47,8 @@ pub use blender_light::{
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
 pub use curves::{Curves, StrandLengths, StrandShape};
+pub use damage::can_be_met;
+pub use dispersion::Dispersion;
 pub use displacement::{Displaceable, Displacement, Undisplaced};
 pub use emission_map::{EmissionMap, Falloff, MapDomain, MapKey, PlacedMap};
 pub use geometry::Geometry;
@@ -61,8 +64,8 @@ pub use motion::{Pose, STILL, Shutter, blend, place};
 pub use node::Node;
 pub use node_settings::{
     Alpha, BlendMode, ColorMode, Curve, Distribution, IntegerMathOp, MapRangeKind, MappingKind, MathOp,
-    MetalFresnel, MixData, MultipleScattering, NormalSpace, SheenModel, SurfaceBase, TangentKind, TexCoord,
-    ToonComponent, VectorMathOp,
+    MetalFresnel, MixData, MultipleScattering, NormalSpace, RaycastOutput, SheenModel, SurfaceBase,
+    TangentKind, TexCoord, ToonComponent, VectorMathOp,
 };
 pub use obj::{ObjError, UpAxis, load_obj};
 pub use panorama::Panorama;

@@ -50,15 +50,22 @@ impl Material {
         self.nodes.iter().any(|node| matches!(node, Node::LightPath))
     }
 
+    /// True if its glass disperses light.
+    pub fn disperses(&self) -> bool {
+        self.nodes.iter().any(|node| node.dispersion().is_some())
+    }
+
     /// True if its nodes look around by rays of their own.
     pub fn looks_around(&self) -> bool {
-        self.nodes.iter().any(|node| matches!(node, Node::AmbientOcclusion { .. } | Node::Bevel { .. }))
+        self.nodes.iter().any(|node| {
+            matches!(node, Node::AmbientOcclusion { .. } | Node::Bevel { .. } | Node::Raycast { .. })
+        })
     }
 
     /// True if rays have to find the object itself alone: from within, or for nodes that look around.
     pub fn meets_itself(&self) -> bool {
         let looks_at_itself = |node: &Node| match node {
-            Node::AmbientOcclusion { only_local, .. } => *only_local,
+            Node::AmbientOcclusion { only_local, .. } | Node::Raycast { only_local, .. } => *only_local,
             node => matches!(node, Node::Bevel { .. }),
         };
         self.has_subsurface() || self.nodes.iter().any(looks_at_itself)

@@ -1,9 +1,10 @@
 use crate::sockets::{Sockets, with_sockets};
 use crate::{
-    BlendMode, ColorMode, Curve, Distribution, Extension, HairComponent, IesProfile, ImageProjection, Input,
-    IntegerMathOp, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel, MixData,
-    MultipleScattering, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural, SheenModel,
-    Subsurface, SurfaceBase, TangentKind, TexCoord, ThinFilm, Tile, ToonComponent, VectorMathOp,
+    BlendMode, ColorMode, Curve, Dispersion, Distribution, Extension, HairComponent, IesProfile,
+    ImageProjection, Input, IntegerMathOp, Interpolation, MapRangeKind, MappingKind, MathOp, MetalFresnel,
+    MixData, MultipleScattering, NodeId, NormalSpace, PhaseFunction, PrincipledHair, Procedural,
+    RaycastOutput, SheenModel, Subsurface, SurfaceBase, TangentKind, TexCoord, ThinFilm, Tile, ToonComponent,
+    VectorMathOp,
 };
 
 with_sockets! {
@@ -50,6 +51,9 @@ with_sockets! {
             /// Film upon it; none is none.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             film: Option<ThinFilm>,
+            /// Dispersion of its glass; none is none.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            dispersion: Option<Dispersion>,
             /// Glass is rough along the tangent, too.
             #[serde(default, skip_serializing_if = "std::ops::Not::not")]
             anisotropic_glass: bool,
@@ -394,6 +398,14 @@ with_sockets! {
             radius: Input,
             normal: Option<Input>,
         },
+        /// The first that a ray meets: its start is the point and its direction the normal where there is none.
+        Raycast {
+            asked: RaycastOutput,
+            only_local: bool,
+            position: Option<Input>,
+            direction: Option<Input>,
+            length: Input,
+        },
         Tangent {
             kind: TangentKind,
             uv_map: String,
@@ -431,6 +443,14 @@ impl Node {
             _ => (None, &[][..]),
         };
         own.into_iter().chain(tiles.iter().map(|tile| tile.texture))
+    }
+
+    /// Dispersion of its glass.
+    pub(crate) fn dispersion(&self) -> Option<&Dispersion> {
+        match self {
+            Self::Principled { dispersion, .. } => dispersion.as_ref(),
+            _ => None,
+        }
     }
 
     /// Calls `visit` for every input socket.

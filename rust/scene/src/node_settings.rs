@@ -325,6 +325,22 @@ pub enum MapRangeKind {
     Smootherstep,
 }
 
+/// Fact about what the ray of a node meets. Distances are multiples of its direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RaycastOutput {
+    /// 1 if it meets something, else 0.
+    IsHit,
+    /// 1 if it meets the object itself.
+    SelfHit,
+    /// Distance to it, or the ray's length.
+    HitDistance,
+    /// Position of it, or 0.
+    HitPosition,
+    /// Unit normal there on the side of the ray, or 0.
+    HitNormal,
+}
+
 /// A baked table over `min..max`.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Curve {

@@ -199,6 +199,7 @@ fn principled(mtl: &tobj::Material, texture: Option<usize>) -> Material {
         distribution: Distribution::MultiGgx,
         film: None,
         anisotropic_glass: false,
+        dispersion: None,
     });
     let surface = Some(nodes.len() as u32 - 1);
     Material { name: mtl.name.clone(), nodes, surface, ..Material::default() }

@@ -4,8 +4,8 @@ use crate::{
     BlendMode, ColorMode, Curve, Dimensions, Distribution, Extension, FilmModel, GradientKind, HairComponent,
     HairModel, HairPigment, IesProfile, ImageProjection, Input, IntegerMathOp, Interpolation, MapRangeKind,
     MappingKind, MathOp, MetalFresnel, Metric, MixData, MultipleScattering, NodeId, NoiseKind, NormalSpace,
-    SheenModel, SubsurfaceModel, SurfaceBase, TangentKind, TexCoord, Tile, ToonComponent, VectorMathOp,
-    VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
+    RaycastOutput, SheenModel, SubsurfaceModel, SurfaceBase, TangentKind, TexCoord, Tile, ToonComponent,
+    VectorMathOp, VoronoiFeature, VoronoiHash, WaveDirection, WaveKind, WaveProfile,
 };
 
 /// A node, or a field of one.
@@ -35,7 +35,18 @@ macro_rules! properties {
     };
 }
 
-properties![FilmModel, bool, f32, usize, NodeId, String, IesProfile, ImageProjection, Vec<Tile>];
+properties![
+    FilmModel,
+    bool,
+    f32,
+    usize,
+    NodeId,
+    String,
+    IesProfile,
+    ImageProjection,
+    Vec<Tile>,
+    Vec<[f32; 3]>
+];
 properties![
     BlendMode,
     SurfaceBase,
@@ -47,7 +58,7 @@ properties![
     MapRangeKind,
     MappingKind
 ];
-properties![HairComponent, HairModel, HairPigment, MetalFresnel, SheenModel, ToonComponent];
+properties![HairComponent, HairModel, HairPigment, MetalFresnel, RaycastOutput, SheenModel, ToonComponent];
 properties![
     IntegerMathOp,
     MathOp,

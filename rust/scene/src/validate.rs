@@ -164,6 +164,12 @@ impl Scene {
                 return Some(format!("its {name} node does not exist"));
             }
         }
+        let mut dispersions = material.nodes.iter().filter_map(Node::dispersion);
+        if dispersions.any(|dispersion| !dispersion.is_valid()) {
+            return Some(
+                "its dispersion has no colours, negative ones or ones that are not finite".to_owned(),
+            );
+        }
         let is_too_bright = material.nodes.iter().any(|node| glow(node) > MOST_RADIANCE);
         is_too_bright
             .then(|| format!("it glows brighter than {MOST_RADIANCE:e}; lower its emission strength"))

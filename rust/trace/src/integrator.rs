@@ -1,16 +1,23 @@
 //! Light-free paths: sampled by the BSDFs and a [`Guide`], recorded segment by segment (paper, sections 3.1 and 4.1).
 
+mod catcher;
 mod collision;
+mod emission;
 mod features;
 mod probes;
 mod shadow_path;
+mod sink;
 mod travel;
 
 use glam::Vec3;
-use relume_dump::{AovSample, End, Lobe, Segment, TileSamples};
+use relume_dump::{AovSample, End, Lobe, Segment};
 use relume_scene::Scene;
 
-pub(crate) use self::shadow_path::ShadowDifferences;
+pub use self::sink::PathSink;
+pub(crate) use self::{
+    catcher::{Plate, plate_count},
+    shadow_path::ShadowDifferences,
+};
 use self::{
     features::Features,
     travel::{Arrival, Route},
@@ -22,39 +29,15 @@ use crate::{
     environment::EnvironmentLight,
     guide::{Cones, Guide},
     light_classes::LightClasses,
-    media::{HullCrossing, Media, MediaScratch, ShadowMedia, TrackingNumbers},
+    media::{Media, MediaScratch, TrackingNumbers},
     path::{LightsOnly, PathState},
     ray_offset::{offset_for_terminator, offset_origin},
     sampler::{Draws, PixelSampler},
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
-    static_light::{LastBounce, ShadowTracer, StaticLights, StaticSample},
+    static_light::{LastBounce, StaticLights},
     vertex::Vertex,
 };
-
-/// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
-pub trait PathSink {
-    /// A path starts; at `camera_vertex`, or at the camera's position if that is the same for all paths.
-    fn begin_path(&mut self, camera_vertex: Option<Vec3>);
-    /// The path's next segment.
-    fn push(&mut self, segment: Segment);
-    /// The path has ended.
-    fn end_path(&mut self, aovs: AovSample);
-}
-
-impl PathSink for TileSamples {
-    fn begin_path(&mut self, camera_vertex: Option<Vec3>) {
-        Self::begin_path(self, camera_vertex);
-    }
-
-    fn push(&mut self, segment: Segment) {
-        Self::push(self, segment);
-    }
-
-    fn end_path(&mut self, aovs: AovSample) {
-        self.add_aov(aovs);
-    }
-}
 
 /// Memory that one thread reuses from path to path.
 #[derive(Debug, Default)]
@@ -77,13 +60,16 @@ pub(crate) struct Integrator<'a> {
     pub media: Option<Media>,
     pub shadows: Option<ShadowDifferences>,
     pub classes: Option<LightClasses>,
+    /// True if there are shadow catchers.
+    pub catches: bool,
     pub settings: PathSettings,
 }
 
 /// Groups of the sampler: the camera takes the first, each vertex of a path two.
 const CAMERA_GROUP: u32 = 0;
-/// Numbers of the time, where anything moves.
+/// Numbers of the time, where anything moves, and of the wavelength, where glass disperses light.
 const TIME_GROUP: u32 = 1 << 27;
+const WAVELENGTH_GROUP: u32 = TIME_GROUP + 1;
 const GROUPS_PER_VERTEX: u32 = 2;
 /// Added to a vertex's first group: numbers of the guide, of the way there through media, of light's way from there, and of
 /// the pieces of a shadow path.
@@ -106,13 +92,18 @@ struct Walk {
     route: Option<Route>,
     /// Number of the set of blockers that alone stop it, if it is a shadow ray of lights with shadow linking.
     blockers: Option<usize>,
+    /// Plate that it is traced for.
+    plate: Plate,
+    /// True once light counts on that plate.
+    counts: bool,
 }
 
 impl Integrator<'_> {
-    /// Traces path number `sample` of pixel `x`, `y`.
+    /// Traces path number `sample` of pixel `x`, `y` of a plate.
     pub fn trace(
         &self,
         (x, y): (usize, usize),
+        plate: Plate,
         sampler: PixelSampler,
         sample: u32,
         guide: Option<&Guide>,
@@ -123,14 +114,15 @@ impl Integrator<'_> {
         let Some(camera) = self.camera.ray(x, y, time, sampler.draw(sample, CAMERA_GROUP)) else {
             let position = self.scene.camera.world_from_camera.translation.into();
             sink.begin_path((!self.camera.is_pinhole()).then_some(position));
-            sink.end_path(AovSample { alpha: 1.0, ..AovSample::default() });
+            sink.end_path(AovSample { alpha: plate.alpha_without_light(), ..AovSample::default() });
             return;
         };
+        let wavelength = self.materials.wavelength(|| sampler.draw(sample, WAVELENGTH_GROUP)[0]);
         sink.begin_path((!self.camera.is_pinhole()).then_some(camera.origin));
         let mut features =
             Features { sample: AovSample { alpha: 1.0, ..AovSample::default() }, tint: Some(Vec3::ONE) };
         let mut walk = Walk {
-            path: PathState::new(camera.origin),
+            path: PathState::new(camera.origin, wavelength),
             ray: Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction).at(time) },
             footprint: camera.footprint,
             spread: camera.spread,
@@ -140,13 +132,15 @@ impl Integrator<'_> {
                 .as_ref()
                 .map(|media| Route::new(self.stack_at(media, camera.origin, time), camera.origin)),
             blockers: None,
+            plate,
+            counts: plate.counts_at_once(),
         };
         for vertex_number in 0.. {
             let group = CAMERA_GROUP + 1 + GROUPS_PER_VERTEX * vertex_number;
             let draws = Draws::new(sampler, sample, group);
             self.record_linked(&mut walk, draws, scratch, sink);
             if let Some(shadows) = &self.shadows
-                && shadows.hides_blockers(walk.ray.kind)
+                && shadows.from_start(walk.ray.kind)
                 && walk.last.is_some()
                 && walk.path.starts_lit_ray()
             {
@@ -180,6 +174,11 @@ impl Integrator<'_> {
                         let travelled = walk.route.as_ref().map_or(0.0, |route| route.travelled);
                         features.sample.depth = Some(camera.start + (travelled + hit.distance));
                     }
+                    if self.is_caught(&walk, &hit)
+                        && !self.catch(&mut walk, &point, scratch, &mut features, sink)
+                    {
+                        break;
+                    }
                     if let Some(shadows) = &self.shadows
                         && shadows.at(hit.instance)
                         && walk.last.is_some()
@@ -190,10 +189,11 @@ impl Integrator<'_> {
                     self.meet(&mut walk, &point, guide, scratch, &mut features, draws, sink)
                 }
             };
-            if !goes_on {
+            if !goes_on || walk.is_lost_to_plate() {
                 break;
             }
         }
+        features.keep_plate(&walk);
         features.sample.emission *= self.settings.film_exposure;
         features.sample.world *= self.settings.film_exposure;
         sink.end_path(features.sample);
@@ -222,8 +222,9 @@ impl Integrator<'_> {
             return;
         }
         let left_out = walk.path.left_out.take();
+        let weight = if walk.counts { self.settings.film_exposure } else { 0.0 };
         let segment = Segment {
-            throughput: segment.throughput * self.settings.film_exposure,
+            throughput: segment.throughput * weight,
             receiver: segment.receiver + self.class_offset(walk),
             ..segment
         };
@@ -242,6 +243,7 @@ impl Integrator<'_> {
     /// The path leaves the scene.
     fn escape(&self, walk: &mut Walk, features: &mut Features, sink: &mut impl PathSink) {
         let direction = walk.ray.direction;
+        walk.counts |= walk.shows_background();
         self.record(walk, End::Escape(direction), sink);
         let path = &walk.path;
         if path.sees_background && self.settings.film_transparent {
@@ -276,6 +278,7 @@ impl Integrator<'_> {
         scratch.surface.set_after_diffuse(walk.path.was_diffuse);
         let probes = self.probes(&walk.path, point, draws);
         self.materials.evaluate_with(self.scene, point, probes.as_ref(), &mut scratch.surface);
+        walk.path.disperse(scratch.surface.wavelength_weight());
         if walk.path.sees_background {
             let is_holdout = self.scene.instances[point.instance as usize].is_holdout;
             let held_out = scratch.surface.hold_out(is_holdout);
@@ -295,24 +298,6 @@ impl Integrator<'_> {
         }
         walk.path.throughput /= survival;
         self.scatter(walk, point, [u[0], u[1], u[2]], guide, scratch, features, draws, sink)
-    }
-
-    fn collect_emission(
-        &self,
-        path: &PathState,
-        point: &SurfacePoint,
-        last: Option<LastBounce>,
-        surface: &Surface,
-        features: &mut Features,
-    ) {
-        let emission = surface.emission();
-        let links = self.scene.instances[point.instance as usize].links.as_deref();
-        let is_unlit = links.is_some_and(|links| path.lobe != Lobe::Camera && !links.light(path.receiver));
-        if emission != Vec3::ZERO && !is_unlit {
-            let weight =
-                self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, self.scene, point));
-            features.sample.emission += path.throughput * emission * weight;
-        }
     }
 
     /// Sends the path on from a surface, or says that it ends there.
@@ -408,53 +393,6 @@ impl Integrator<'_> {
             media.cross_at(self.scene, triangle, point.backfacing, &mut route.stack);
         }
         walk.begin_segment(point.position);
-    }
-
-    /// Adds light that comes straight from the scene's own emitters to a vertex.
-    fn add_static_light(
-        &self,
-        path: &PathState,
-        route: Option<&Route>,
-        vertex: Vertex<'_>,
-        cones: Option<&Cones>,
-        shadow: &mut Surface,
-        scratch: &mut MediaScratch,
-        features: &mut Features,
-        draws: Draws,
-    ) {
-        let Some(lights) = &self.lights else { return };
-        let media = match (&self.media, route) {
-            (Some(media), Some(route)) => Some(ShadowMedia {
-                space: self.space(media, vertex.time()),
-                stack: route.stack,
-                crossing: HullCrossing::default(),
-                numbers: TrackingNumbers::new(draws.at(SHADOW_GROUP)),
-                scratch,
-            }),
-            _ => None,
-        };
-        let receiver = match (vertex, &self.media, route) {
-            (Vertex::Surface { point, .. }, ..) => self.scene.instances[point.instance as usize].receiver,
-            (Vertex::Medium { .. }, Some(media), Some(route)) => media.receiver(&route.stack),
-            _ => path.receiver,
-        };
-        let mut tracer = ShadowTracer {
-            scene: self.scene,
-            bvh: &self.bvh,
-            materials: &self.materials,
-            environment: &self.environment,
-            ray: path.ray_info(),
-            receiver,
-            cones,
-            transparent_left: path.transparent_left(&self.settings.bounces),
-            media,
-        };
-        let on_film = path.throughput * self.settings.film_exposure;
-        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draws.at(1)) {
-            Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
-            Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
-            None => {}
-        }
     }
 
     /// Defensive sampling and Filter Glossy (Cycles' `surface_shader_prepare_closures`).

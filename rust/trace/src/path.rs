@@ -32,6 +32,8 @@ pub(crate) struct PathState {
     /// True if nothing but the film's background is seen along the current ray so far: from the camera, through transparent
     /// surfaces and glass that the film shows through (Cycles' `PATH_RAY_TRANSPARENT_BACKGROUND`).
     pub sees_background: bool,
+    /// True once the path sees no objects but shadow catchers.
+    pub catchers_only: bool,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::SampleReach::Lights`]).
     pub lights_only: Option<LightsOnly>,
     /// True if lights along the current ray do not count: the sample says so ([`BsdfSample::unlit`]), or they were recorded
@@ -52,6 +54,10 @@ pub(crate) struct PathState {
     through_transparent: bool,
     /// True if it continues the ray of the segment before it.
     continues: bool,
+    /// See [`RayInfo::wavelength`].
+    wavelength: Option<f32>,
+    /// True if the throughput is that of this wavelength alone.
+    is_dispersed: bool,
     /// The next surface only emits and lets through.
     last_surface: bool,
     /// The next surface only emits.
@@ -75,8 +81,8 @@ impl LightsOnly {
 }
 
 impl PathState {
-    /// A path that leaves the camera at `origin`.
-    pub fn new(origin: Vec3) -> Self {
+    /// A path that leaves the camera at `origin`, with a wavelength in nm where glass disperses light.
+    pub fn new(origin: Vec3, wavelength: Option<f32>) -> Self {
         Self {
             throughput: Vec3::ONE,
             lobe: Lobe::Camera,
@@ -87,6 +93,7 @@ impl PathState {
             light_lobe: Lobe::Camera,
             receiver: 0,
             sees_background: true,
+            catchers_only: false,
             lights_only: None,
             unlit: false,
             left_out: None,
@@ -100,6 +107,8 @@ impl PathState {
             volume: 0,
             through_transparent: false,
             continues: false,
+            wavelength,
+            is_dispersed: false,
             last_surface: false,
             ends_on_surface: false,
         }
@@ -135,6 +144,15 @@ impl PathState {
             transmission_depth: self.transmission,
             transparent_depth: self.transparent,
             portal_depth: self.portals,
+            wavelength: self.wavelength,
+        }
+    }
+
+    /// Takes the weight of the path's wavelength, where it first counts: behind glass that disperses light.
+    pub fn disperse(&mut self, weight: Option<Vec3>) {
+        if let Some(weight) = weight.filter(|_| !self.is_dispersed) {
+            self.throughput *= weight;
+            self.is_dispersed = true;
         }
     }
 
@@ -301,7 +319,7 @@ mod tests {
     #[test]
     fn lights_do_not_count_where_a_sample_says_so() {
         let limits = BounceLimits::default();
-        let mut path = PathState::new(Vec3::ZERO);
+        let mut path = PathState::new(Vec3::ZERO, None);
         path.scatter(Vec3::ZERO, &BsdfSample { unlit: true, ..bounce(Lobe::Glossy) }, &limits);
         path.pass_through(Vec3::ONE, &limits);
         assert!(!path.sees_lights(&limits, false) && !path.sees_lights(&limits, true));
@@ -312,7 +330,7 @@ mod tests {
     #[test]
     fn direct_light_only_still_has_the_segment_after_the_first_surface() {
         let limits = BounceLimits { total: 0, ..BounceLimits::default() };
-        let mut path = PathState::new(Vec3::ZERO);
+        let mut path = PathState::new(Vec3::ZERO, None);
         assert!(!path.is_last_surface());
         path.scatter(Vec3::ZERO, &bounce(Lobe::Diffuse), &limits);
         assert!(path.is_last_surface());
@@ -322,7 +340,7 @@ mod tests {
     fn each_kind_has_its_own_limit() {
         let limits = BounceLimits { diffuse: 1, glossy: 2, transmission: 3, ..BounceLimits::default() };
         for (lobe, allowed) in [(Lobe::Diffuse, 2), (Lobe::Glossy, 3), (Lobe::Transmission, 4)] {
-            let mut path = PathState::new(Vec3::ZERO);
+            let mut path = PathState::new(Vec3::ZERO, None);
             let bounces = (1..10).find(|_| {
                 path.scatter(Vec3::ZERO, &bounce(lobe), &limits);
                 path.is_last_surface()
@@ -336,7 +354,7 @@ mod tests {
         for more_transparent in [0, 1] {
             let limits =
                 BounceLimits { total: 0, transparent: 2, more_transparent, ..BounceLimits::default() };
-            let mut path = PathState::new(Vec3::ZERO);
+            let mut path = PathState::new(Vec3::ZERO, None);
             for _ in 0..2 + more_transparent {
                 assert!(path.survival(&limits) > 0.0 && path.sees_lights(&limits, false));
                 path.pass_through(Vec3::ONE, &limits);
@@ -351,7 +369,7 @@ mod tests {
     #[test]
     fn roulette_starts_after_the_second_bounce_with_the_root_of_the_throughput() {
         let limits = BounceLimits::default();
-        let mut path = PathState::new(Vec3::ZERO);
+        let mut path = PathState::new(Vec3::ZERO, None);
         path.scatter(Vec3::ZERO, &bounce(Lobe::Diffuse), &limits);
         assert_eq!(path.survival(&limits), 1.0);
         path.scatter(Vec3::ZERO, &bounce(Lobe::Diffuse), &limits);

@@ -55,6 +55,7 @@ pub struct Surface {
     emission: Vec3,
     transparency: Vec3,
     holdout: Vec3,
+    wavelength_weight: Option<Vec3>,
     caustics: Caustics,
     /// True if the path has scattered diffusely before it met the surface.
     pub(super) is_after_diffuse: bool,
@@ -76,6 +77,7 @@ impl Default for Surface {
             emission: Vec3::ZERO,
             transparency: Vec3::ZERO,
             holdout: Vec3::ZERO,
+            wavelength_weight: None,
             caustics: Caustics::ALL,
             is_after_diffuse: false,
             has_body: false,
@@ -107,6 +109,17 @@ impl Surface {
         self.emission = Vec3::ZERO;
         self.transparency = Vec3::ZERO;
         self.holdout = Vec3::ZERO;
+        self.wavelength_weight = None;
+    }
+
+    /// Takes the weight of a path whose wavelength counts here.
+    pub(crate) fn take_wavelength(&mut self, weight: Vec3) {
+        self.wavelength_weight = Some(weight);
+    }
+
+    /// Weight of a path whose wavelength counts here; nothing where all of them take the same way.
+    pub(crate) fn wavelength_weight(&self) -> Option<Vec3> {
+        self.wavelength_weight
     }
 
     /// Takes another shading normal than the mesh's (Cycles' `sd->N` behind bump by displacement): closures of that normal are

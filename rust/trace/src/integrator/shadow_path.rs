@@ -13,7 +13,7 @@ use super::{Features, Integrator, PathScratch, PathSink, SHADOW_PATH_GROUP, Walk
 use crate::{
     bvh::{Ray, RayKind, visibility_bits},
     emitters::may_be_transparent,
-    media::TrackingNumbers,
+    media::{Media, TrackingNumbers},
     ray_offset::offset_origin,
     sampler::Draws,
     shading::{RayInfo, SurfacePoint},
@@ -26,11 +26,13 @@ pub(crate) struct ShadowDifferences {
     instances: Vec<bool>,
     /// Bit per [`RayKind`]: some object that blocks shadow rays is hidden from it.
     hidden_blockers: u8,
+    /// True if a medium asks for kinds of rays.
+    media: bool,
 }
 
 impl ShadowDifferences {
-    /// Differences within a scene; nothing if there are none.
-    pub fn new(scene: &Scene) -> Option<Self> {
+    /// Differences within a scene and its media; nothing if there are none.
+    pub fn new(scene: &Scene, media: Option<&Media>) -> Option<Self> {
         let by_material: Vec<bool> = scene.materials.iter().map(differs).collect();
         let instances: Vec<bool> = (scene.instances.iter())
             .map(|instance| {
@@ -41,13 +43,14 @@ impl ShadowDifferences {
         let blockers = scene.instances.iter().filter(|instance| instance.visible_shadow);
         let hidden_blockers = blockers.fold(0, |hidden, instance| hidden | !visibility_bits(instance));
         let of_camera = 1 << RayKind::Camera as u8;
-        let differs = instances.contains(&true) || hidden_blockers & KINDS & !of_camera != 0;
-        differs.then_some(Self { instances, hidden_blockers })
+        let media = media.is_some_and(Media::ask_light_path);
+        let differs = media || instances.contains(&true) || hidden_blockers & KINDS & !of_camera != 0;
+        differs.then_some(Self { instances, hidden_blockers, media })
     }
 
-    /// True if rays of this kind do not meet everything that shadow rays meet.
-    pub fn hides_blockers(&self, kind: RayKind) -> bool {
-        self.hidden_blockers & 1 << kind as u8 != 0
+    /// True if rays of this kind do not meet everything that shadow rays meet, or media as these do.
+    pub fn from_start(&self, kind: RayKind) -> bool {
+        self.media || self.hidden_blockers & 1 << kind as u8 != 0
     }
 
     /// True if shadow rays may pass an instance otherwise than paths.

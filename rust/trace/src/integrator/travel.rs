@@ -6,12 +6,12 @@ use relume_dump::{End, Lobe, Segment};
 use super::{Features, Integrator, PathSink, Walk};
 use crate::{
     bsdf::BsdfSample,
-    bvh::Ray,
+    bvh::{Ray, RayKind},
     media::{
         Bounds, Flight, HullCrossing, Landing, Media, MediaScratch, MediaSpace, TrackingNumbers, VolumeStack,
     },
     ray_offset::offset_origin,
-    shading::{Hit, SurfacePoint},
+    shading::{Hit, RayInfo, SurfacePoint},
 };
 
 /// Throughput below which a path may end where it is not scattered.
@@ -78,8 +78,9 @@ impl Route {
 }
 
 impl Integrator<'_> {
-    pub(super) fn space<'s>(&'s self, media: &'s Media, time: f32) -> MediaSpace<'s> {
-        MediaSpace { scene: self.scene, materials: &self.materials, media, time }
+    /// The media as a ray finds them.
+    pub(super) fn space<'s>(&'s self, media: &'s Media, time: f32, ray: RayInfo) -> MediaSpace<'s> {
+        MediaSpace { scene: self.scene, materials: &self.materials, media, time, ray }
     }
 
     /// Media around a camera: one ray goes straight up, as in Cycles (`kernel/integrator/intersect_volume_stack.h`), and what it
@@ -227,7 +228,9 @@ impl Integrator<'_> {
             let at = |distance: f32| origin + direction * distance;
             let stack = &walk.route.as_ref()?.stack;
             let left = length - flown;
-            let space = self.space(media, time);
+            let is_shadow = walk.ray.kind == RayKind::Shadow;
+            let ray = if is_shadow { walk.path.shadow_info() } else { walk.path.ray_info() };
+            let space = self.space(media, time, ray);
             let flight = Flight { space, stack, origin: at(flown), direction, length: left };
             let throughput = walk.path.throughput;
             let scatters = !walk.path.is_last_surface() && walk.path.lights_only.is_none();

@@ -6,7 +6,7 @@ use relume_scene::{Bricks, Grid, GridBounds, STILL};
 
 use super::majorant::MajorantGrid;
 use super::{Bounds, MediaSpace, Medium, MediumSample};
-use crate::shading::MediumPoint;
+use crate::shading::{MediumPoint, RayInfo};
 
 /// Voxels along an edge of a brick.
 const BRICK: f32 = 8.0;
@@ -61,6 +61,7 @@ pub(super) fn of_grids(space: &MediaSpace, medium: &Medium) -> Option<MajorantGr
     let finder = Finder {
         space,
         medium,
+        rays: &medium.rays(),
         world_from_cells: local_from_world.inverse(),
         sources: &sources,
         varies: graph.medium_varies(),
@@ -93,6 +94,8 @@ fn cells_around([low, high]: [Vec3; 2], bricks_from_object: Affine3A) -> (Bricks
 struct Finder<'a> {
     space: &'a MediaSpace<'a>,
     medium: &'a Medium,
+    /// Rays by which it is looked at.
+    rays: &'a [RayInfo],
     world_from_cells: Affine3A,
     sources: &'a [Source],
     /// True if the medium depends on more than grids.
@@ -123,7 +126,6 @@ impl Finder<'_> {
             .map(|(number, [low, high])| if low == high { 1 } else { VALUES[number.min(VALUES.len() - 1)] });
         let counts: Vec<usize> = counts.collect();
         let (instance, time) = (self.medium.instance, STILL);
-        let point = MediumPoint { position, wo: Vec3::Z, instance, time };
         let (mut values, mut sample) = (Vec::new(), MediumSample::default());
         let mut most = 0.0_f32;
         for mut combination in 0..counts.iter().product() {
@@ -134,10 +136,14 @@ impl Finder<'_> {
             };
             let known = self.sources.iter().zip(ranges.iter().zip(&counts));
             let assumed: Vec<(usize, Vec4)> = known.map(&mut assume).collect();
-            sample.clear();
             let (scene, material) = (self.space.scene, self.medium.material);
-            self.space.materials.evaluate_medium(scene, material, &point, &assumed, &mut values, &mut sample);
-            most = most.max(sample.extinction.max_element());
+            for ray in self.rays {
+                let point = MediumPoint { position, wo: Vec3::Z, instance, time, ray: *ray };
+                sample.clear();
+                let materials = self.space.materials;
+                materials.evaluate_medium(scene, material, &point, &assumed, &mut values, &mut sample);
+                most = most.max(sample.extinction.max_element());
+            }
         }
         most
     }

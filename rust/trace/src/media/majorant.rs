@@ -73,6 +73,11 @@ impl MajorantGrid {
         Self { grid_from_world: grid_from_local * local_from_world, size, cells: bounds, outside }
     }
 
+    /// A bound that holds everywhere.
+    pub fn even(bound: f32) -> Self {
+        Self { grid_from_world: Affine3A::IDENTITY, size: IVec3::ZERO, cells: Vec::new(), outside: bound }
+    }
+
     /// Bounds of cells of edge 1 from the origin of the space that `grid_from_world` leads to, along x first; nothing is outside.
     pub fn new(grid_from_world: Affine3A, size: IVec3, cells: Vec<f32>) -> Self {
         Self { grid_from_world, size, cells, outside: 0.0 }
@@ -93,6 +98,9 @@ impl MajorantGrid {
 
     /// Bound at a distance along a ray, and up to where it holds.
     pub fn span(&self, ray: &GridRay, distance: f32) -> (f32, f32) {
+        if self.cells.is_empty() {
+            return (self.outside, f32::INFINITY);
+        }
         let at = ray.origin + ray.direction * distance;
         let size = self.size.as_vec3();
         // Hulls are met a rounding outside of their box.

@@ -34,7 +34,7 @@ pub(crate) use shadow::ShadowMedia;
 use stack::DEEPEST;
 pub(crate) use stack::VolumeStack;
 
-use crate::shading::{Hit, MediumPoint, PreparedMaterials};
+use crate::shading::{Hit, MediumPoint, PreparedMaterials, RayInfo};
 
 /// Objects with media among which it is looked for more than can overlap; each is compared with each.
 const MOST_CHECKED: usize = 2048;
@@ -63,7 +63,11 @@ struct Medium {
     material: usize,
     receiver: u16,
     glows: bool,
-    /// The medium at each point of it; nothing if it varies.
+    /// True if it differs from place to place.
+    varies: bool,
+    /// True if it differs from ray to ray.
+    asks_light_path: bool,
+    /// The medium at each point of it for all rays; nothing if it varies.
     even: Option<MediumSample>,
     /// Bounds of its extinction, where it varies. They are made when a ray is first in it.
     majorants: OnceLock<MajorantGrid>,
@@ -77,6 +81,8 @@ pub(crate) struct MediaSpace<'a> {
     pub media: &'a Media,
     /// Time within the shutter's interval.
     pub time: f32,
+    /// The ray that passes the media.
+    pub ray: RayInfo,
 }
 
 /// Memory that one thread reuses.
@@ -132,7 +138,7 @@ impl Media {
         }
         // Not when a ray is first in it: they are found in parallel, and who waits may be needed for that.
         for medium in found.media.iter().filter(|medium| medium.even.is_none()) {
-            let space = MediaSpace { scene, materials, media: &found, time: STILL };
+            let space = MediaSpace { scene, materials, media: &found, time: STILL, ray: RayInfo::default() };
             if let Some(bounds) = grid_majorants::of_grids(&space, medium) {
                 medium.majorants.get_or_init(|| bounds);
             }
@@ -153,16 +159,31 @@ impl Media {
             let graph = materials.graph(material);
             let has_field = |name| materials.field(scene, (instance, STILL), name, Vec3::ZERO).is_some();
             let varies = graph.medium_varies() || graph.medium_fields().into_iter().any(has_field);
-            let even = (!varies).then(|| {
+            let asks_light_path = graph.medium_asks_light_path();
+            let even = (!varies && !asks_light_path).then(|| {
                 let mut sample = MediumSample::default();
-                let point = MediumPoint { position: Vec3::ZERO, wo: Vec3::Z, instance, time: STILL };
+                let ray = RayInfo::default();
+                let point = MediumPoint { position: Vec3::ZERO, wo: Vec3::Z, instance, time: STILL, ray };
                 materials.evaluate_medium(scene, material, &point, &[], &mut Vec::new(), &mut sample);
                 sample
             });
-            let glows = graph.medium_glows();
-            self.media.push(Medium { instance, material, receiver, glows, even, majorants: OnceLock::new() });
+            self.media.push(Medium {
+                instance,
+                material,
+                receiver,
+                glows: graph.medium_glows(),
+                varies,
+                asks_light_path,
+                even,
+                majorants: OnceLock::new(),
+            });
             self.media.len() as u32 - 1
         })
+    }
+
+    /// True if some medium differs from ray to ray.
+    pub fn ask_light_path(&self) -> bool {
+        self.media.iter().any(|medium| medium.asks_light_path)
     }
 
     /// Space as a path finds it that starts outside of all objects.
@@ -220,6 +241,13 @@ fn most_nested<'s>(boxes: &[(Bounds, &'s String)]) -> Option<&'s String> {
     checked.iter().find(|(bounds, _)| is_crowded(bounds.middle())).map(|(_, name)| *name)
 }
 
+impl Medium {
+    /// Rays that between them meet as much of it as any does.
+    fn rays(&self) -> Vec<RayInfo> {
+        if self.asks_light_path { RayInfo::of_each_kind() } else { vec![RayInfo::default()] }
+    }
+}
+
 impl MediaSpace<'_> {
     /// Adds one of the media at a point.
     fn add_medium(
@@ -233,8 +261,8 @@ impl MediaSpace<'_> {
         match &medium.even {
             Some(even) => sample.add(even),
             None => {
-                let (instance, time) = (medium.instance, self.time);
-                let point = MediumPoint { position, wo: -direction, instance, time };
+                let (instance, time, ray) = (medium.instance, self.time, self.ray);
+                let point = MediumPoint { position, wo: -direction, instance, time, ray };
                 self.materials.evaluate_medium(self.scene, medium.material, &point, &[], values, sample);
             }
         }
@@ -270,14 +298,21 @@ impl MediaSpace<'_> {
     /// Bounds of a medium that varies.
     fn majorants<'m>(&self, medium: &'m Medium) -> &'m MajorantGrid {
         medium.majorants.get_or_init(|| {
-            let still = Self { time: STILL, ..*self };
+            let rays = medium.rays();
             let memory = RefCell::new((MediumSample::default(), Vec::new()));
             let extinction = |position: Vec3| {
                 let (sample, values) = &mut *memory.borrow_mut();
-                sample.clear();
-                still.add_medium(medium, position, Vec3::NEG_Z, values, sample);
-                sample.extinction.max_element()
+                let of_ray = |ray: &RayInfo| {
+                    sample.clear();
+                    let still = Self { time: STILL, ray: *ray, ..*self };
+                    still.add_medium(medium, position, Vec3::NEG_Z, values, sample);
+                    sample.extinction.max_element()
+                };
+                rays.iter().map(of_ray).fold(0.0, f32::max)
             };
+            if !medium.varies {
+                return MajorantGrid::even(extinction(Vec3::ZERO));
+            }
             let instance = self.scene.instances.get(medium.instance as usize);
             let (local_from_world, bounds) = match instance {
                 Some(instance) => {

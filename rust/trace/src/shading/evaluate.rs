@@ -10,6 +10,7 @@ use super::graph::{Aid, Graph, rotation};
 use super::image::Image;
 use super::prepared::NamedAttribute;
 use super::probes::Occlusion;
+use super::raycast::Cast;
 use super::values::{NodeInputs, evaluate_pure};
 use super::{PointInfo, PreparedMaterials, Probes, StrandInfo, SurfacePoint, procedural, strands};
 use crate::bsdf;
@@ -202,6 +203,13 @@ impl<'a> ShadingContext<'a> {
                     Some(normal) => (known.vector(normal) + (rounded - smooth)).normalize_or(smooth),
                     None => rounded,
                 }
+            }
+            Node::Raycast { asked, only_local, position, direction, length } => {
+                let position = position.as_ref().map_or(self.point.position, |input| known.vector(input));
+                let direction =
+                    direction.as_ref().map_or(self.point.shading_normal, |input| known.vector(input));
+                let cast = Cast { position, direction, length: known.float(length), only_local: *only_local };
+                return cast.tell(self, *asked);
             }
             Node::Tangent { kind, .. } => self.chosen_tangent(*kind, self.attribute(index)),
             Node::Wireframe { in_pixels, size } => {

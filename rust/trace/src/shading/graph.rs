@@ -217,11 +217,16 @@ impl Graph {
     /// True if the medium may differ from place to place within an object that has no fields.
     pub fn medium_varies(&self) -> bool {
         let is_same_everywhere = |node: &Node| match node {
-            Node::ObjectInfo | Node::Attribute { .. } | Node::ColorAttribute { .. } => true,
+            Node::ObjectInfo | Node::LightPath | Node::Attribute { .. } | Node::ColorAttribute { .. } => true,
             closure if is_medium_closure(closure) => true,
             value => evaluate_pure(value, &NoLinks).is_some(),
         };
         self.medium_nodes().into_iter().any(|node| !is_same_everywhere(&self.nodes[node as usize]))
+    }
+
+    /// True if the medium asks for the kind or depth of rays.
+    pub fn medium_asks_light_path(&self) -> bool {
+        self.medium_nodes().into_iter().any(|node| matches!(self.nodes[node as usize], Node::LightPath))
     }
 
     /// True if the medium is computed from what it reads, other than by closures.

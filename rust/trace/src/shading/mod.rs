@@ -21,6 +21,7 @@ mod prepared;
 mod principled;
 mod probes;
 mod procedural;
+mod raycast;
 mod strands;
 mod subsurface;
 mod tangents;

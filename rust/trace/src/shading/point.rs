@@ -46,6 +46,8 @@ pub(crate) struct MediumPoint {
     pub instance: u32,
     /// See [`Hit::time`].
     pub time: f32,
+    /// The ray that passes it.
+    pub ray: RayInfo,
 }
 
 impl MediumPoint {
@@ -66,7 +68,8 @@ impl MediumPoint {
             footprint: 0.0,
             strand: None,
             time: self.time,
-            ray: RayInfo::default(),
+            // Rays have no length there, as in Cycles.
+            ray: RayInfo { origin: self.position, ..self.ray },
         }
     }
 }
@@ -148,6 +151,8 @@ pub struct RayInfo {
     pub transparent_depth: u32,
     /// Portals before the point.
     pub portal_depth: u32,
+    /// Wavelength of the path in nm, where glass disperses light.
+    pub wavelength: Option<f32>,
 }
 
 impl RayInfo {
@@ -168,7 +173,38 @@ impl RayInfo {
         transmission_depth: 1,
         transparent_depth: 1,
         portal_depth: 1,
+        wavelength: None,
     };
+
+    /// Rays of each kind after a bounce, and after more: what depends on rays is looked at for all of them to find its bounds.
+    pub(crate) fn of_each_kind() -> Vec<Self> {
+        const MORE: u32 = 4;
+        let after = |bounces: u32| Self {
+            depth: bounces,
+            diffuse_depth: bounces,
+            glossy_depth: bounces,
+            transmission_depth: bounces,
+            transparent_depth: bounces,
+            portal_depth: bounces,
+            ..Self::default()
+        };
+        let (none, once) = (Self::default(), after(1));
+        vec![
+            none,
+            Self { is_camera: true, ..none },
+            Self { is_shadow: true, ..once },
+            Self { is_volume_scatter: true, ..once },
+            Self { is_diffuse: true, is_reflection: true, ..once },
+            Self { is_diffuse: true, is_transmission: true, ..once },
+            Self { is_glossy: true, is_reflection: true, ..once },
+            Self { is_glossy: true, is_transmission: true, ..once },
+            Self { is_glossy: true, is_singular: true, is_reflection: true, ..once },
+            Self { is_glossy: true, is_singular: true, is_transmission: true, ..once },
+            Self { is_shadow: true, ..after(MORE) },
+            Self { is_diffuse: true, is_reflection: true, ..after(MORE) },
+            Self { is_volume_scatter: true, ..after(MORE) },
+        ]
+    }
 
     /// A ray straight to a light from a vertex that this ray met, at `origin`.
     pub fn shadow_from(&self, origin: Vec3) -> Self {

@@ -14,7 +14,7 @@ use super::texture::{PreparedTexture, equirectangular};
 use super::values::NodeInputs;
 use super::volumes::shade_medium;
 use super::{Hit, MediumPoint, Probes, RayInfo, StrandPoint, SurfacePoint};
-use crate::bsdf::{Scatter, Surface};
+use crate::bsdf::{Scatter, Surface, sample_wavelength};
 use crate::media::MediumSample;
 
 /// Everything about materials, textures and transforms that does not depend on the hit.
@@ -36,6 +36,8 @@ pub struct PreparedMaterials {
     fields: PreparedFields,
     /// True if nodes look around by rays of their own.
     pub(crate) looks_around: bool,
+    /// True if glass disperses light.
+    disperses: bool,
 }
 
 /// Everything about one mesh that does not depend on the hit.
@@ -115,6 +117,7 @@ impl PreparedMaterials {
             space,
             fields: PreparedFields::new(scene, &names.attributes),
             looks_around: scene.materials.iter().any(Material::looks_around),
+            disperses: scene.materials.iter().any(Material::disperses),
         };
         (prepared, warnings)
     }
@@ -238,6 +241,11 @@ impl PreparedMaterials {
         values.resize(2 * graph.nodes.len(), Vec4::ZERO);
         let (own, scratch) = values.split_at_mut(graph.nodes.len());
         shade_medium(&context, root, context.instance().density_factor, own, scratch, medium);
+    }
+
+    /// Wavelength of a path in nm for a number in 0..1; nothing where all paths are white.
+    pub(crate) fn wavelength(&self, u: impl FnOnce() -> f32) -> Option<f32> {
+        self.disperses.then(|| sample_wavelength(u()))
     }
 
     /// Graph of a material.

@@ -10,7 +10,8 @@ use super::subsurface::{self, BodyParameters, Boundary};
 use super::values::NodeInputs;
 use crate::bsdf::{
     Compensation, F82, Film, Fresnel, Interface, Microfacet, MicrofacetDistribution, Scatter, ShadingFrame,
-    Sheen, SlopeDistribution, Surface, WEIGHT_CUTOFF, dielectric_mean, f0_from_ior, ior_from_f0, stretched,
+    Sheen, SlopeDistribution, Surface, WEIGHT_CUTOFF, dielectric_mean, dispersed_ior, f0_from_ior,
+    ior_from_f0, stretched, wavelength_weight,
 };
 
 /// The node's inputs but for its directions, clamped as Cycles clamps them.
@@ -43,6 +44,7 @@ pub struct Parameters {
     film: Option<Film>,
     film_on_metal: bool,
     anisotropic_glass: bool,
+    inverse_abbe: f32,
 }
 
 /// The node's directions at a point.
@@ -100,6 +102,7 @@ impl Parameters {
             distribution,
             film,
             anisotropic_glass,
+            dispersion,
         } = node
         else {
             return None;
@@ -135,6 +138,10 @@ impl Parameters {
             film: read_film(film, inputs),
             film_on_metal: film.as_ref().is_some_and(|film| film.on_metal),
             anisotropic_glass: *anisotropic_glass,
+            inverse_abbe: dispersion.as_ref().map_or(0.0, |dispersion| {
+                let abbe_number = inputs.float(&dispersion.abbe_number);
+                if abbe_number > 0.0 { unit(&dispersion.scale) / abbe_number } else { 0.0 }
+            }),
         })
     }
 
@@ -183,7 +190,8 @@ pub fn add(node: &Node, p: &Parameters, known: &Known, weight: f32, surface: &mu
         if p.is_thin {
             add_pane(context, p, own, normal, surface);
         } else {
-            add_glass(context, p, own, normal, directions.tangent, surface);
+            let ior = glass_ior(node, p, context, surface);
+            add_glass(context, p, own, (normal, directions.tangent), ior, surface);
         }
         weight *= 1.0 - p.transmission_weight;
     }
@@ -290,12 +298,23 @@ fn add_metal(p: &Parameters, weight: Vec3, normal: Vec3, tangent: Vec3, surface:
     add_microfacet(surface, weight, normal, model, p.is_multi_ggx.then(|| metal.mean()));
 }
 
+/// Index of refraction of glass for a path's wavelength, whose weight the surface takes.
+fn glass_ior(node: &Node, p: &Parameters, context: &ShadingContext, surface: &mut Surface) -> f32 {
+    match (node, context.point.ray.wavelength) {
+        (Node::Principled { dispersion: Some(dispersion), .. }, Some(nm)) if p.inverse_abbe > 0.0 => {
+            surface.take_wavelength(wavelength_weight(dispersion, nm));
+            dispersed_ior(p.ior, p.inverse_abbe, nm)
+        }
+        _ => p.ior,
+    }
+}
+
 fn add_glass(
     context: &ShadingContext,
     p: &Parameters,
     weight: Vec3,
-    normal: Vec3,
-    tangent: Vec3,
+    (normal, tangent): (Vec3, Vec3),
+    ior: f32,
     surface: &mut Surface,
 ) {
     let anisotropic = if p.anisotropic_glass { p.anisotropic } else { 0.0 };
@@ -303,11 +322,11 @@ fn add_glass(
     let tint = p.reflectance().map(f32::sqrt);
     let f0 = (p.specular_tint * f0_from_ior(p.ior)).clamp(Vec3::ZERO, Vec3::ONE);
     let is_within = context.point.backfacing;
-    let film = if is_within { p.film.map(|film| film.from_within(p.ior)) } else { p.film };
+    let film = if is_within { p.film.map(|film| film.from_within(ior)) } else { p.film };
     let model = Microfacet {
         distribution,
         interface: Interface::Glass,
-        ior: if is_within { 1.0 / p.ior } else { p.ior },
+        ior: if is_within { 1.0 / ior } else { ior },
         fresnel: Fresnel::Tinted { f0, reflection: Vec3::ONE, transmission: tint, film },
         frame,
         energy_scale: 1.0,

@@ -91,6 +91,7 @@ pub(super) fn principled() -> Node {
         distribution: Distribution::MultiGgx,
         film: None,
         anisotropic_glass: false,
+        dispersion: None,
     }
 }
 

@@ -1,0 +1,85 @@
+//! Light of the scene's own emitters and world along a path.
+
+use glam::Vec3;
+use relume_dump::Lobe;
+
+use super::{Features, Integrator, SHADOW_GROUP, travel::Route};
+use crate::{
+    bsdf::Surface,
+    guide::Cones,
+    media::{HullCrossing, MediaScratch, ShadowMedia, TrackingNumbers},
+    path::PathState,
+    sampler::Draws,
+    shading::SurfacePoint,
+    static_light::{LastBounce, ShadowTracer, StaticSample},
+    vertex::Vertex,
+};
+
+impl Integrator<'_> {
+    /// Adds what a surface that the path met emits.
+    pub(super) fn collect_emission(
+        &self,
+        path: &PathState,
+        point: &SurfacePoint,
+        last: Option<LastBounce>,
+        surface: &Surface,
+        features: &mut Features,
+    ) {
+        let emission = surface.emission();
+        let links = self.scene.instances[point.instance as usize].links.as_deref();
+        let is_unlit = links.is_some_and(|links| path.lobe != Lobe::Camera && !links.light(path.receiver));
+        if emission != Vec3::ZERO && !is_unlit {
+            let weight =
+                self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, self.scene, point));
+            features.sample.emission += path.throughput * emission * weight;
+        }
+    }
+
+    /// Adds light that comes straight from the scene's own emitters to a vertex.
+    pub(super) fn add_static_light(
+        &self,
+        path: &PathState,
+        route: Option<&Route>,
+        vertex: Vertex<'_>,
+        cones: Option<&Cones>,
+        shadow: &mut Surface,
+        scratch: &mut MediaScratch,
+        features: &mut Features,
+        draws: Draws,
+    ) {
+        let Some(lights) = &self.lights else { return };
+        let media = match (&self.media, route) {
+            (Some(media), Some(route)) => Some(ShadowMedia {
+                space: self.space(media, vertex.time(), path.ray_info().shadow_from(vertex.position())),
+                stack: route.stack,
+                crossing: HullCrossing::default(),
+                numbers: TrackingNumbers::new(draws.at(SHADOW_GROUP)),
+                scratch,
+            }),
+            _ => None,
+        };
+        let receiver = match (vertex, &self.media, route) {
+            (Vertex::Surface { point, .. }, ..) => self.scene.instances[point.instance as usize].receiver,
+            (Vertex::Medium { .. }, Some(media), Some(route)) => media.receiver(&route.stack),
+            _ => path.receiver,
+        };
+        let mut tracer = ShadowTracer {
+            scene: self.scene,
+            bvh: &self.bvh,
+            materials: &self.materials,
+            environment: &self.environment,
+            ray: path.ray_info(),
+            receiver,
+            cones,
+            transparent_left: path.transparent_left(&self.settings.bounces),
+            catchers_only: path.catchers_only,
+            media,
+        };
+        let on_film = path.throughput * self.settings.film_exposure;
+        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draws.at(1)) {
+            Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
+            Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
+            None => {}
+        }
+    }
+}
