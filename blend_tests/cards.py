@@ -90,6 +90,13 @@ def differences(means, tolerance=0.02):
     }
 
 
+def differing_pixels(cards, tmp_path, tolerance=0.02):
+    """Cards with pixels that differ, and how much; and Relume's warnings."""
+    pixels, warnings = cards.pixels(tmp_path, samples=128)
+    found = {name: float(np.abs(ours - cycles).max()) for name, (ours, cycles) in pixels.items()}
+    return {name: difference for name, difference in found.items() if not difference <= tolerance}, warnings
+
+
 def node(tree, kind, inputs=None, mute=False, **settings):
     """A node; an input is a socket to be linked or a value."""
     made = tree.nodes.new(kind)

@@ -61,9 +61,10 @@ TABLE = {
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
-        "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin",
+        "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin dicing_* "
+        "max_subdivisions offscreen_*",
+        READ + " for adaptive subdivision": "feature_set",
         NAMED: "sample_clamp_* use_fast_gi texture_limit_render texture_resolution_render",
-        "of adaptive subdivision, which each object names": "feature_set dicing_* max_subdivisions offscreen_*",
         "of nodes with scripts, which are named": "shading_system",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
         "use_adaptive_sampling adaptive_* direct_light_sampling_type use_light_tree use_guiding* "
@@ -78,8 +79,7 @@ TABLE = {
         "for who develops Cycles": "debug_*",
     },
     "ViewLayer": {
-        READ: "material_override world_override use_sky layer_collection objects use cycles",
-        REFUSED: "use_solid",
+        READ: "material_override world_override use_sky use_solid layer_collection objects use cycles",
         READ + ": without it nothing of its kind is named": "use_strand use_volumes use_motion_blur use_grease_pencil",
         NOISE: "samples",
         FAST_GI: "use_ao",
@@ -90,6 +90,7 @@ TABLE = {
         VIEWS: "active_layer_collection depsgraph",
     },
     "CyclesRenderLayerSettings": {
+        READ: "use_pass_shadow_catcher",
         OUTPUT: "pass_* use_pass_* denoising_*",
         "Relume has its own denoiser": "use_denoising",
     },
@@ -101,8 +102,8 @@ TABLE = {
     "Object": {
         READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
         "visible_transmission visible_volume_scatter visible_shadow light_linking cycles "
-        "is_holdout",
-        NAMED: "is_shadow_catcher modifiers particle_systems visible_raycast",
+        "is_holdout is_shadow_catcher modifiers particle_systems",
+        NAMED: "visible_raycast",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
         "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
@@ -117,9 +118,8 @@ TABLE = {
         OUTPUT: "lightgroup",
     },
     "CyclesObjectSettings": {
-        NAMED: "use_adaptive_subdivision",
-        READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull",
-        "of adaptive subdivision, which the object names": "dicing_rate",
+        READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull "
+        "use_adaptive_subdivision dicing_rate",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         FAST_GI: "ao_distance",
         CAUSTICS: "is_caustics_*",

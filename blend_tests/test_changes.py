@@ -351,6 +351,11 @@ def test_visibility_to_what_fog_scatters_is_a_change(baked):
     assert said(baked) == ["Visibility of 'Sofa' changed"]
 
 
+def test_a_shadow_catcher_is_a_change(baked):
+    bpy.data.objects["Sofa"].is_shadow_catcher = True
+    assert said(baked) == ["Shadow Catcher of 'Sofa' was switched on or off"]
+
+
 def test_a_bake_that_was_begun_under_a_darker_world_is_relit_as_the_present_one(baked):
     live = FakeLive.made[-1]
     live.tell(world_color=[0.25, 0.5, 0.5])

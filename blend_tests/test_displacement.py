@@ -8,7 +8,7 @@ import pytest
 
 import cards as cards_module
 from addon.engine.reading.scene import load_scene
-from cards import Cards, node
+from cards import Cards, differing_pixels, node
 from helpers import update
 
 QUADS = 16
@@ -81,20 +81,13 @@ def described_scene(scene):
     return json.loads(load_scene(scene).summary())
 
 
-def differing(cards, tmp_path, tolerance=0.02):
-    """Cards with pixels that differ, and how much; and Relume's warnings."""
-    pixels, warnings = cards.pixels(tmp_path, samples=128)
-    found = {name: float(np.abs(ours - cycles).max()) for name, (ours, cycles) in pixels.items()}
-    return {name: difference for name, difference in found.items() if not difference <= tolerance}, warnings
-
-
 def test_heights_displace_meshes_as_in_cycles(cards, tmp_path):
     for method in ("DISPLACEMENT", "BOTH"):
         add(cards, f"plain {method}", height, method)
         add(cards, f"flat {method}", height, method, smooth=False)
         for space in ("OBJECT", "WORLD"):
             add(cards, f"{space} {method}", lambda tree, space=space: height(tree, 0.07, space=space), method, 2.0)
-    assert differing(cards, tmp_path) == ({}, [])
+    assert differing_pixels(cards, tmp_path) == ({}, [])
 
 
 def test_vectors_displace_meshes_as_in_cycles(cards, tmp_path):
@@ -102,7 +95,7 @@ def test_vectors_displace_meshes_as_in_cycles(cards, tmp_path):
         card = add(cards, space, lambda tree, space=space: vector(tree, space=space))
         card.rotation_euler.z = 0.2
     add(cards, "BOTH", lambda tree: vector(tree, space="TANGENT"), "BOTH")
-    assert differing(cards, tmp_path) == ({}, [])
+    assert differing_pixels(cards, tmp_path) == ({}, [])
 
 
 def test_materials_sharp_faces_and_maps_of_displaced_meshes_are_those_of_cycles(cards, tmp_path):
@@ -123,7 +116,7 @@ def test_materials_sharp_faces_and_maps_of_displaced_meshes_are_those_of_cycles(
         tree = bpy.data.materials["normal map"].node_tree
         next(each for each in tree.nodes if each.bl_idname == "ShaderNodeNormalMap").base = "ORIGINAL"
         add(cards, "normal map of the displaced", height, shown=mapped)
-    assert differing(cards, tmp_path) == ({}, [])
+    assert differing_pixels(cards, tmp_path) == ({}, [])
 
 
 def test_meshes_are_displaced_by_the_materials_that_their_objects_show(cards):

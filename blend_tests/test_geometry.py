@@ -192,13 +192,6 @@ def test_an_instance_is_seen_by_rays_that_see_what_instances_it_too(scene):
     assert exported(scene)["instances"][0]["is_holdout"]
 
 
-def test_unsupported_things_are_named(scene):
-    add_quad(scene, "Catcher").is_shadow_catcher = True
-    warnings = " ".join(exported(scene)["warnings"])
-    for text in ("'Catcher': shadow catcher",):
-        assert text in warnings
-
-
 NAN, HUGE = float("nan"), 1e30
 
 

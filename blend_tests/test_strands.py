@@ -80,6 +80,14 @@ def test_hair_hidden_by_the_view_layer_is_left_out(scene):
     assert exported(scene)["curves"] == []
 
 
+def test_a_layer_without_surfaces_shows_hair_alone(scene):
+    meadow(scene)
+    add_strands(scene, bent_strands(), 0.01)
+    bpy.context.view_layer.use_solid = False
+    found = exported(scene)
+    assert len(found["curves"]) == 2 and found["meshes"] == []
+
+
 def test_keys_without_radius_have_that_of_cycles(scene):
     fur = add_strands(scene, bent_strands())
     if "radius" in fur.data.attributes:

@@ -24,8 +24,10 @@ PARTS = {
     ("settings", "culling"): "Culling of Simplify changed",
     ("object", "linking"): "Light linking of '{name}' was changed",
     ("object", "holdout"): "Holdout of '{name}' was switched on or off",
+    ("object", "catcher"): "Shadow Catcher of '{name}' was switched on or off",
     ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",
     ("object", "attributes"): "Custom properties of '{name}' changed",
+    ("object", "subdivision"): "Adaptive subdivision of '{name}' changed",
     ("object", "motion"): "Motion blur settings of '{name}' changed",
     ("object", "pose"): "'{name}' has another pose",
     ("data", "shape"): "Geometry '{name}' changed",
@@ -46,7 +48,9 @@ PARTS = {
     ("camera", "place"): "The camera moved",
     ("camera", "lens"): "Lens or focus of the camera changed",
     ("settings", "paths"): "Bounces, filters or film of the render settings changed",
+    ("settings", "dicing"): "The dicing camera or dicing rates of adaptive subdivision changed",
     ("settings", "override"): "The view layer has another material override",
+    ("settings", "surfaces"): "The view layer shows surfaces, or no longer does",
     ("settings", "volumes"): "The view layer shows volumes, or no longer does",
     ("settings", "strands"): "The shape of hair changed, or the view layer hides or shows it",
     ("motion", "shutter"): "Motion blur or its shutter changed",
@@ -61,7 +65,7 @@ PARTS = {
     ("collections", "origins"): "The origin of an instanced collection moved",
 }
 """Sentence for each part that differs. A `helper`, which no render shows itself, uses those of an `object`."""
-LATER = {"details", "origins", "lacking", "shading", "override", "volumes"}
+LATER = {"details", "dicing", "origins", "lacking", "shading", "override", "volumes"}
 """Parts that the first bakes do not have: there they make no sentence."""
 ORDER = (
     *(

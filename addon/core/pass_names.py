@@ -8,7 +8,7 @@ from typing import Any
 from .rows import SILENT
 
 COMBINED, STATIC, WORLD = "Combined", "static", "world"
-DEPTH, NORMAL, ALBEDO = "Depth", "Normal", "Diffuse Color"
+DEPTH, NORMAL, ALBEDO, CATCHER = "Depth", "Normal", "Diffuse Color", "Shadow Catcher"
 AOVS = {DEPTH: "depth", NORMAL: "normal", ALBEDO: "albedo"}
 """Passes that no light changes, and what the native module calls them."""
 LONGEST = 63

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from contextlib import nullcontext
 from typing import Any
 
 import bpy
@@ -11,6 +12,7 @@ import numpy as np
 from .arrays import LAYOUTS, stored
 from .attributes import UNREAD, as_colors, as_factors, attribute_values
 from .curves import Move
+from .dicing import DicingExporter, cage_of, set_normals
 from .materials import ANY_UV_MAP, FACTOR
 from .shape_attributes import of_shape
 
@@ -18,8 +20,8 @@ from .shape_attributes import of_shape
 class GeometryExporter:
     """Exports each evaluated mesh once and remembers its number."""
 
-    def __init__(self, builder: Any, attribute_names: Collection[str]):
-        self.builder = builder
+    def __init__(self, builder: Any, attribute_names: Collection[str], dicing: DicingExporter):
+        self.builder, self.dicing = builder, dicing
         self.attribute_names = attribute_names
         """Names of attributes that materials read."""
         self.numbers: dict[tuple[int, bool], int | None] = {}
@@ -33,16 +35,31 @@ class GeometryExporter:
         material of the object displaces it. `move` finds its motion."""
         key = obj.data.as_pointer(), is_displaced
         if key not in self.numbers:
-            mesh = shown_mesh(obj)
-            self.numbers[key] = self._add(obj, mesh, is_displaced, move) if len(mesh.polygons) else None
+            modifier = self.dicing.modifier(obj)
+            with cage_of(obj, self.dicing.depsgraph) if modifier else nullcontext(shown_mesh(obj)) as mesh:
+                arrays = self._arrays(obj, mesh, is_displaced, move, modifier) if len(mesh.polygons) else None
+                self.numbers[key] = self._add(obj, mesh, arrays) if arrays else None
         return self.numbers[key]
 
-    def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh, is_displaced: bool, move: Move) -> int | None:
-        """Number of a mesh that an object shows; None, and a warning, of one that is damaged beyond repair."""
+    def _arrays(
+        self,
+        obj: bpy.types.Object,
+        mesh: bpy.types.Mesh,
+        is_displaced: bool,
+        move: Move,
+        modifier: bpy.types.SubsurfModifier | None,
+    ) -> dict[str, Any]:
         arrays = mesh_arrays(mesh, self.attribute_names)
         arrays |= move(arrays["positions"], mesh.attributes)
-        if is_displaced:
+        if modifier is not None:
+            arrays["dicing"] = self.dicing.arguments(obj, modifier, mesh)
+            set_normals(arrays, mesh, modifier.subdivision_type == "CATMULL_CLARK", is_displaced)
+        elif is_displaced:
             add_displacement(arrays, mesh)
+        return arrays
+
+    def _add(self, obj: bpy.types.Object, mesh: bpy.types.Mesh, arrays: dict[str, Any]) -> int | None:
+        """Number of a mesh that an object shows; None, and a warning, of one that is damaged beyond repair."""
         try:
             number = self.builder.add_mesh(mesh.name, **arrays, shown_by=obj.name)
         except ValueError as error:

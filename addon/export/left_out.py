@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import bpy
 
 from ..core.words import listed
 from .camera import film_border, film_size
-
-Warn = Callable[[str], None]
 
 WITHOUT_EFFECTS = {"use_sequencer": False, "use_compositing": False, "use_freestyle": False}
 """Render settings without what Blender does to a picture once it is rendered. Freestyle would crash where there is
@@ -45,29 +43,10 @@ def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[
     return sentences
 
 
-def warn_about_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, warn: Warn) -> None:
-    """Names settings of a mesh object that only Cycles heeds."""
-    cycles = getattr(obj, "cycles", None)
-    if cycles is None:
-        return
-    modifier = obj.modifiers[-1] if obj.modifiers else None
-    if modifier is not None and modifier.type == "SUBSURF" and _is_adaptive(modifier, cycles, scene):
-        levels = modifier.render_levels
-        warn(f"object '{obj.name}': adaptive subdivision is not supported yet; subdivided {levels} times")
-
-
 def _limits_textures(scene: bpy.types.Scene) -> bool:
     cycles = getattr(scene, "cycles", None)
     limit = getattr(cycles, "texture_limit_render", "OFF")
     return limit != "OFF" or getattr(cycles, "texture_resolution_render", 1.0) < 1.0
-
-
-def _is_adaptive(modifier: bpy.types.SubsurfModifier, cycles: bpy.types.PropertyGroup, scene: bpy.types.Scene) -> bool:
-    if not modifier.show_render:
-        return False
-    if hasattr(modifier, "use_adaptive_subdivision"):  # From Blender 5.0 on.
-        return modifier.use_adaptive_subdivision
-    return scene.cycles.feature_set == "EXPERIMENTAL" and cycles.use_adaptive_subdivision
 
 
 def _has_strips(scene: bpy.types.Scene) -> bool:

@@ -67,6 +67,8 @@ class LightExporter:
         self.linking = linking
         self.shaders = shaders
         self.unique = UniqueNames()
+        self.not_on_catchers: dict[str, None] = {}
+        """Names of lights that Cycles keeps from shadow catchers."""
 
     def export(
         self, obj: bpy.types.Object, owner: bpy.types.Object, world_from_object: Any, camera: bpy.types.Object | None
@@ -75,6 +77,8 @@ class LightExporter:
         description = describe_light(obj, owner, world_from_object, camera, self.linking, self.warn, self.shaders)
         if description is not None:
             self.add(description | {"name": self.unique(name_of(obj.original))})
+            if not obj.is_shadow_catcher:
+                self.not_on_catchers[obj.name] = None
 
 
 def describe_light(

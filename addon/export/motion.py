@@ -4,7 +4,7 @@ as Cycles finds them (`blender/sync.cpp`, `blender/object.cpp`)."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from math import floor
@@ -15,6 +15,7 @@ import numpy as np
 
 from .arrays import stored
 from .curves import curves_arrays, hair_of, particle_arrays, places_of_curves
+from .dicing import adaptive_modifier, cage_of
 from .geometry import shown_mesh
 from .points import places_of_points, points_arrays
 
@@ -296,7 +297,7 @@ class _Reader:
         elif obj.type == "POINTCLOUD":
             parts[""] = lambda: places_of_points(points_arrays(obj.data)) if len(obj.data.points) else None
         elif obj.type == "MESH" and self._may_deform(instance):
-            parts[""] = lambda: stored(shown_mesh(obj).attributes["position"].data, np.float32, 3).copy()
+            parts[""] = lambda: self._places(obj)
         if instance.show_particles and obj.type == "MESH":
             for modifier in hair_of(obj):
                 parts[modifier.particle_system.name] = partial(places_of_hair, obj, modifier)
@@ -305,6 +306,11 @@ class _Reader:
                 known[address, part] = take()
             if (places := known[address, part]) is not None:
                 yield part, places
+
+    def _places(self, obj: bpy.types.Object) -> np.ndarray:
+        modifier = adaptive_modifier(obj, self.depsgraph.scene)
+        with cage_of(obj, self.depsgraph) if modifier else nullcontext(shown_mesh(obj)) as mesh:
+            return stored(mesh.attributes["position"].data, np.float32, 3).copy()
 
     def _may_deform(self, instance: bpy.types.DepsgraphObjectInstance) -> bool:
         shown = instance.instance_object if instance.is_instance else instance.object

@@ -16,11 +16,11 @@ from ..core.random_number import MASK, random_of_name
 from .camera import camera_json, film_size
 from .culling import Culling
 from .curves import CurvesExporter, Move, Strands
+from .dicing import DicingExporter
 from .geometry import GeometryExporter, is_open, shown_mesh
 from .images import Convert, ImageExporter, no_convert
 from .instance_attributes import InstanceAttributes, UnknownInstanceError
 from .lamp_shaders import LampShaders
-from .left_out import warn_about_mesh
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
@@ -78,16 +78,14 @@ def export_scene(
     colour spaces. `frame_set` shows other frames in the depsgraph; without it nothing moves."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
-    if not depsgraph.view_layer.use_solid:
-        layer = depsgraph.view_layer.name
-        raise ExportError(f"view layer '{layer}' renders no meshes; switch on Surfaces in its filters")
     scene = depsgraph.scene_eval
     size = options.resolution or film_size(scene.render, options.resolution_percentage)
     camera = _camera_object(depsgraph, options)
     builder.set_camera(camera_json(camera, scene, size))
     frame = scene.frame_current
     with followed(depsgraph, camera, frame_set) as motion:
-        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame).run()
+        dicing = DicingExporter(depsgraph, camera, size)
+        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame, dicing).run()
         if moved := motion.camera_json(camera):
             builder.set_camera(camera_json(camera, scene, size, moved))
 
@@ -139,6 +137,7 @@ class _SceneExporter:
         convert_image: Convert,
         motion: Motion,
         frame: int,
+        dicing: DicingExporter,
     ):
         """Exports what the depsgraph shows and its motion; images are those of the frame."""
         self.builder, self.motion = builder, motion
@@ -157,7 +156,7 @@ class _SceneExporter:
             LampShaders(builder.constant_emission, builder.empty, frame),
         )
         names = asked_attributes()
-        self.geometry = GeometryExporter(builder, names)
+        self.geometry = GeometryExporter(builder, names, dicing)
         self.curves = CurvesExporter(builder, depsgraph.scene, names)
         self.points = PointsExporter(builder, names)
         self.volumes = VolumeExporter(builder, depsgraph.scene.frame_current)
@@ -189,7 +188,7 @@ class _SceneExporter:
                 self.lights.export(obj, owner_of(instance), instance.matrix_world, self.camera)
             elif obj.type == "VOLUME" or (obj.type == "MESH" and not instance.is_instance and smoke_domain(obj)):
                 self._export_volume(instance)
-            elif obj.type == "MESH":  # Curves, text and metaballs appear as meshes of their own.
+            elif obj.type == "MESH" and self.view_layer.use_solid:  # Such are curves, text and metaballs, too.
                 number = self.geometry.mesh_number(obj, self._is_displaced(obj), self._move(instance))
                 if number is not None:
                     self._place(instance, _Placed("mesh", number, self.geometry.attributes[number]))
@@ -198,6 +197,9 @@ class _SceneExporter:
                     self._export_strands(instance, strands)
             elif obj.type == "POINTCLOUD" and (cloud := self.points.of_cloud(obj, self._move(instance))) is not None:
                 self._place(instance, _Placed("points", *cloud))
+        if any(shared.settings["is_shadow_catcher"] for shared in self.shared.values()):
+            for name in self.lights.not_on_catchers:
+                self.builder.warn(f"light '{name}': it cannot be kept from shadow catchers; it lights them too")
         scene, view_layer = self.depsgraph.scene_eval, self.depsgraph.view_layer_eval
         world = world_of(scene, view_layer)
         volume = self.materials.world_volume(world) if world is not None else None
@@ -252,7 +254,6 @@ class _SceneExporter:
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed) -> _Shared:
         for each in dict.fromkeys((obj.original, owner)):
             self._warn_about_rays(each)
-        warn_about_mesh(obj, self.depsgraph.scene, self.builder.warn)
         number = self.materials.number_in_volume if placed.is_hull else self.materials.number
         materials = [number(material, obj.name) for material in self._slots(obj)]
         if placed.kind != "mesh":
@@ -268,6 +269,7 @@ class _SceneExporter:
             "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
+            "is_shadow_catcher": obj.is_shadow_catcher or owner.is_shadow_catcher,
             **self._links(owner, materials),
             "is_holdout": owner.is_holdout or owner.holdout_get(view_layer=self.view_layer),
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
@@ -322,11 +324,8 @@ class _SceneExporter:
             warn(f"object '{name}': curves that its geometry nodes leave without a profile are left out, as by Cycles")
 
     def _warn_about_rays(self, obj: bpy.types.Object) -> None:
-        warn, name = self.builder.warn, obj.name
         if self.casts_rays and not getattr(obj, "visible_raycast", True):
-            warn(f"object '{name}': rays of the node Raycast meet it all the same")
-        if obj.is_shadow_catcher:
-            warn(f"object '{name}': shadow catcher is not supported yet; rendered as an ordinary object")
+            self.builder.warn(f"object '{obj.name}': rays of the node Raycast meet it all the same")
 
     def _links(self, owner: bpy.types.Object, materials: list[int]) -> dict[str, Any]:
         """Light linking and shadow linking of what shines."""

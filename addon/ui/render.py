@@ -86,6 +86,7 @@ def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSet
         depth=layer.use_pass_z,
         normal=layer.use_pass_normal,
         albedo=layer.use_pass_diffuse_color,
+        shadow_catcher=hasattr(layer, "cycles") and layer.cycles.use_pass_shadow_catcher,
     )
 
 
@@ -113,6 +114,8 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         column.prop(layer, "use_pass_z", text="Depth")
         column.prop(layer, "use_pass_normal", text="Normal")
         column.prop(layer, "use_pass_diffuse_color", text="Diffuse Colour")
+        if hasattr(layer, "cycles"):
+            column.prop(layer.cycles, "use_pass_shadow_catcher", text="Shadow Catcher")
 
 
 class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801

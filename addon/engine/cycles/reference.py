@@ -98,7 +98,7 @@ class _Parts:
         return [total / sum(self.counts[half::2]) for half, total in enumerate(sums)]
 
     def light_lost_to(self, clamps: dict[str, float]) -> float:
-        """Share of the light of a render with the file's clamping that this takes, by the same samples with and without."""
+        """Share of the light that the file's clamping takes, by the same samples with and without."""
         if not any(clamps.values()):
             return 0.0
         for name, value in clamps.items():

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...core.bake_folder import is_bake
 from ...core.diff import gain_between
-from ...core.pass_names import ALBEDO, COMBINED, DEPTH, LONGEST, NORMAL, STATIC, WORLD, light_passes
+from ...core.pass_names import ALBEDO, CATCHER, COMBINED, DEPTH, LONGEST, NORMAL, STATIC, WORLD, light_passes
 from ...core.progress import progress_line
 from ...core.rows import NEUTRAL
 from ...core.words import grouped, listed
@@ -53,6 +53,8 @@ class PassSettings:
     depth: bool = False
     normal: bool = False
     albedo: bool = False
+    shadow_catcher: bool = False
+    """What shadow catchers show, which is not in Combined then, as with Cycles."""
 
     def declare(self, lights: list[str]) -> list[tuple[str, int, str, str]]:
         """Name, channels, their letters and Blender's type of each pass."""
@@ -63,6 +65,7 @@ class PassSettings:
         channels += [(DEPTH, 1, "Z", "VALUE")] * self.depth
         channels += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
         channels += [(ALBEDO_HERE, 3, "RGB", "COLOR")] * self.albedo
+        channels += [(CATCHER, 3, "RGB", "COLOR")] * self.shadow_catcher
         return channels
 
 
@@ -213,11 +216,11 @@ class _FinalRender:
         """Layers of the picture, each with its gain; a silent light is black and costs nothing."""
         request = json.dumps([light for light in lights if any(light["radiance"])])
         self._wait(native().Job(relighter.prepare(request)), BAKE_SHARE, 1.0, lambda _: None)
-        picture = relighter.relight(request)
-        picture["static"] = picture["static"] * np.array(self.mix["static"], np.float32)
         # A bake that was begun under another strength or tint of the world serves as well.
         since = gain_between(relighter.world_color, world_color) or NEUTRAL
-        picture["world"] = picture["world"] * np.multiply(self.mix["world"], since, dtype=np.float32)
+        world = [a * b for a, b in zip(self.mix["world"], since, strict=True)]
+        apart = self.passes.shadow_catcher
+        picture = relighter.relight(request, static_light=self.mix["static"], world=world, catcher_apart=apart)
         silent = np.zeros_like(picture["static"])
         picture["lights"] = {light["name"]: picture["lights"].get(light["name"], silent) for light in lights}
         return picture
@@ -272,18 +275,16 @@ class _FinalRender:
             self.engine.end_result(result)
 
     def _layers(self, picture: dict[str, Any]) -> dict[str, np.ndarray]:
-        combined = picture["static"].copy()
-        for image in (*picture["lights"].values(), picture["world"]):
-            combined += image
         lights = light_passes(picture["lights"], self.passes.longest)
         return {
-            COMBINED: np.concatenate([combined, picture["alpha"]], axis=-1),
+            COMBINED: np.concatenate([picture["combined"], picture["alpha"]], axis=-1),
             **{lights[name]: image for name, image in picture["lights"].items()},
             STATIC: picture["static"],
             WORLD: picture["world"],
             DEPTH: self._depth(picture["depth"]),
             NORMAL: picture["normal"],
             ALBEDO_HERE: picture["albedo"],
+            **({CATCHER: picture["shadow_catcher"]} if "shadow_catcher" in picture else {}),
         }
 
     def _depth(self, distance: np.ndarray) -> np.ndarray:

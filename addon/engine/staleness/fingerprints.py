@@ -20,6 +20,7 @@ from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
 from ...export.culling import SWITCHES, culling_settings
 from ...export.curves import hides_hair, strand_shape
+from ...export.dicing import dicing_camera, dicing_settings
 from ...export.images import frame_of, path_of, tile_path
 from ...export.instancers import node_inputs, objects_in
 from ...export.lights import rules_of_lights
@@ -60,11 +61,12 @@ def keys_of_block(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     """Keys of the fingerprints that one data-block may be part of, without those of collections that instance it."""
     if isinstance(found, bpy.types.Object):
         helper = f"helper {found.name_full}"
+        dices = ["settings"] * (found == dicing_camera(scene))
         if found == scene.camera:
-            return ["camera", helper]
-        return [f"object {found.name_full}", helper] if _counts(found) else [helper]
+            return ["camera", helper, *dices]
+        return [f"object {found.name_full}", helper, *dices] if _counts(found) else [helper, *dices]
     if isinstance(found, bpy.types.Camera):
-        return ["camera"]
+        return ["camera", "settings"]
     if isinstance(found, bpy.types.World):
         return ["world", "space"]
     if isinstance(found, bpy.types.Scene):
@@ -244,6 +246,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
         found["scatter"] = "hidden"
     if obj.is_holdout:
         found["holdout"] = "on"
+    if obj.is_shadow_catcher and obj.type != "LIGHT":
+        found["catcher"] = "on"
     if (cycles := getattr(obj, "cycles", None)) and any(getattr(cycles, switch, False) for switch in SWITCHES):
         found["culling"] = hashed([getattr(cycles, switch) for switch in SWITCHES])
     if linked := _linked(obj):
@@ -259,6 +263,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     if obj.modifiers:
         found["modifiers"] = hashed([_modifier(modifier) for modifier in obj.modifiers])
         found["details"] = hashed([_modifier_details(modifier) for modifier in obj.modifiers])
+    if (dicing := getattr(obj, "cycles", None)) is not None and getattr(dicing, "use_adaptive_subdivision", False):
+        found["subdivision"] = f"{dicing.dicing_rate:.6g}"  # Until Blender 4.5; then the modifier's.
     if (settings := motion_settings(obj)) is not None:
         found["motion"] = hashed(settings)
     if obj.pose:
@@ -388,10 +394,15 @@ def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Finger
 def _settings(scene: bpy.types.Scene) -> Fingerprint:
     layer = render_layer(scene)
     override = layer.material_override
+    dicing = dicing_settings(scene)
+    camera = dicing_camera(scene) if dicing is not None else None
+    diced_for = _camera_fingerprint(scene, camera) if camera is not None else {}
     return {
+        **({"dicing": hashed([dicing, sorted(diced_for.items())])} if dicing is not None else {}),
         "paths": hashed(trace_settings(scene, lambda _message: None).get("paths")),
         "override": override.name_full if override is not None else "",
         "volumes": str(layer.use_volumes),
+        **({} if layer.use_solid else {"surfaces": "off"}),
         "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
         **({"culling": hashed(culling)} if (culling := culling_settings(scene)) else {}),

@@ -28,6 +28,13 @@ impl Image {
         &self.data[start..start + self.channels]
     }
 
+    /// Rows from `first` on, `count` of them.
+    pub fn rows(&self, first: usize, count: usize) -> Self {
+        let row = self.width * self.channels;
+        let data = self.data[first * row..][..count * row].to_vec();
+        Self { width: self.width, height: count, channels: self.channels, data }
+    }
+
     /// True if both have the same width, height and channels.
     pub fn same_shape(&self, other: &Image) -> bool {
         (self.width, self.height, self.channels) == (other.width, other.height, other.channels)

@@ -1,6 +1,7 @@
 //! The native half of the Python module `relume`: translates and does nothing else.
 
 mod array;
+mod dicing;
 mod error;
 mod job;
 mod live;

@@ -8,7 +8,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
 use relume_session::scene::Light;
-use relume_session::{Device, LightSet, Method, Monitor, RelightOptions, Relighter, Relit};
+use relume_session::{
+    CatcherPlace, Device, LightSet, Method, Monitor, PictureMix, RelightOptions, Relighter, Relit,
+};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -73,17 +75,23 @@ impl PyRelighter {
         })
     }
 
-    #[pyo3(signature = (lights=None, *, maker="auto", denoise=true))]
+    #[pyo3(signature = (lights=None, *, static_light=[1.0; 3], world=[1.0; 3], catcher_apart=false,
+        maker="auto", denoise=true))]
     fn relight<'py>(
         &self,
         py: Python<'py>,
         lights: Option<&str>,
+        static_light: [f32; 3],
+        world: [f32; 3],
+        catcher_apart: bool,
         maker: &str,
         denoise: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
         let options = options(maker, denoise)?;
+        let catcher = if catcher_apart { CatcherPlace::Layer } else { CatcherPlace::Picture };
+        let mix = PictureMix { static_light, world, catcher };
         let relit = enter_native(py, || -> Result<Relit, NativeError> {
-            Ok(self.relighter.relight(&self.lights(lights)?, &options, &Monitor::default())?)
+            Ok(self.relighter.relight_mixed(&self.lights(lights)?, &mix, &options, &Monitor::default())?)
         })?;
         pictures(py, relit)
     }
@@ -137,7 +145,8 @@ fn pictures(py: Python<'_>, relit: Relit) -> PyResult<Bound<'_, PyDict>> {
         ("depth", relit.depth),
         ("alpha", relit.alpha),
     ];
-    for (name, image) in layers {
+    let catcher = relit.shadow_catcher.map(|image| ("shadow_catcher", image));
+    for (name, image) in layers.into_iter().chain(catcher) {
         pictures.set_item(name, array(py, image)?)?;
     }
     Ok(pictures)

@@ -174,7 +174,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "random": i.random, "shadow_terminator_offset": i.shadow_terminator_offset,
             "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
-            "visible_volume_scatter": i.visible_volume_scatter, "visible_shadow": i.visible_shadow, "is_holdout": i.is_holdout, "links": i.links,
+            "visible_volume_scatter": i.visible_volume_scatter, "visible_shadow": i.visible_shadow, "is_holdout": i.is_holdout, "is_shadow_catcher": i.is_shadow_catcher, "links": i.links,
             "density_factor": i.density_factor,
             "motion_keys": i.motion.len(),
         })).collect::<Vec<_>>(),

@@ -1,6 +1,7 @@
 //! `SceneBuilder`.
 
 use crate::array::{Array, affine_from_rows, mat3_from_rows};
+use crate::dicing::{DicedMesh, DicingArguments};
 use crate::error::{NativeError, enter_native, invalid};
 use crate::scene::{PyScene, PyWorld};
 use glam::{Vec2, Vec3};
@@ -16,6 +17,8 @@ use std::sync::Arc;
 #[pyclass(name = "SceneBuilder", module = "relume")]
 pub struct PySceneBuilder {
     builder: scene::SceneBuilder,
+    /// Triangles of the meshes that were diced.
+    diced: usize,
 }
 
 /// Largest value of an emission map, and the map as JSON.
@@ -51,12 +54,12 @@ impl PySceneBuilder {
     #[new]
     #[pyo3(signature = (working_space="Linear Rec.709"))]
     fn new(working_space: &str) -> Self {
-        Self { builder: scene::SceneBuilder::new(working_space) }
+        Self { builder: scene::SceneBuilder::new(working_space), diced: 0 }
     }
 
     #[pyo3(signature = (name, positions, corner_verts, face_starts, *, vertex_normals=None, corner_normals=None,
         sharp_faces=None, uv_maps=None, color_attributes=None, material_slots=None, texture_space=None,
-        displacement_normals=None, turns_corner_normals=false, shown_by=None, motion=None))]
+        displacement_normals=None, turns_corner_normals=false, shown_by=None, motion=None, dicing=None))]
     fn add_mesh(
         &mut self,
         py: Python<'_>,
@@ -75,6 +78,7 @@ impl PySceneBuilder {
         turns_corner_normals: bool,
         shown_by: Option<&str>,
         motion: Option<&Bound<'_, PyAny>>,
+        dicing: Option<DicingArguments<'_>>,
     ) -> PyResult<usize> {
         let positions = Array::<f32>::borrow("positions", positions)?;
         let corner_verts = Array::<i32>::borrow("corner_verts", corner_verts)?;
@@ -104,16 +108,22 @@ impl PySceneBuilder {
             displacement_normals: displacement_normals.as_ref().map(Array::cast).transpose()?,
             turns_corner_normals,
         };
-        let (mut mesh, damage) =
-            enter_native(py, || polygons.triangulate().map(|mesh| (mesh, polygons.damage())))?;
+        let motion: Vec<Vec3> = owned("motion", motion)?;
+        let damaged = shown_by.map_or(format!("mesh '{name}'"), |object| format!("object '{object}'"));
+        let mut mesh = if let Some(dicing) = dicing {
+            let DicedMesh { mesh, warning } = dicing.dice(py, &polygons, &motion, self.diced)?;
+            self.diced += mesh.triangles.len();
+            warning.into_iter().for_each(|what| self.builder.warn(format!("{damaged}: {what}")));
+            mesh
+        } else {
+            scene::Mesh { motion, ..enter_native(py, || polygons.triangulate())? }
+        };
         mesh.texture_space = texture_space
             .map(|space| space.map(Vec3::from))
             .filter(|space| space.iter().all(|v| v.is_finite()));
-        let damaged = shown_by.map_or(format!("mesh '{name}'"), |object| format!("object '{object}'"));
-        for what in damage {
+        for what in polygons.damage() {
             self.builder.warn(format!("{damaged}: {what}"));
         }
-        mesh.motion = owned("motion", motion)?;
         enter_native(py, || self.builder.add_mesh(mesh))
     }
 
@@ -177,7 +187,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, links=None, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, is_shadow_catcher=false, links=None, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -196,6 +206,7 @@ impl PySceneBuilder {
         visible_volume_scatter: bool,
         visible_shadow: bool,
         is_holdout: bool,
+        is_shadow_catcher: bool,
         links: Option<Links>,
         density_factor: f32,
         grids: Option<usize>,
@@ -223,6 +234,7 @@ impl PySceneBuilder {
             visible_volume_scatter,
             visible_shadow,
             is_holdout,
+            is_shadow_catcher,
             links: links.map(emitter_links),
             density_factor,
             grids,
@@ -238,7 +250,7 @@ impl PySceneBuilder {
     }
 
     fn empty(&self) -> Self {
-        Self { builder: scene::SceneBuilder::new(&self.builder.scene().working_space) }
+        Self { builder: scene::SceneBuilder::new(&self.builder.scene().working_space), diced: 0 }
     }
 
     #[staticmethod]

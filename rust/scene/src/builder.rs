@@ -24,7 +24,9 @@ pub enum BuildError {
     #[error("the scene has no camera; add one and make it the scene's camera, or name one")]
     NoCamera,
     /// No instance was added.
-    #[error("the scene has nothing to render; check that objects are enabled for renders")]
+    #[error(
+        "the scene has nothing to render; check that objects are enabled for renders, and Surfaces in the view layer"
+    )]
     Empty,
     /// A part is damaged.
     #[error("{part} '{name}': {reason}")]

@@ -7,7 +7,7 @@ use glam::{Affine3A, Vec2, Vec3};
 const TOO_LARGE: f32 = 1.844e18;
 
 /// True if a ray can meet a triangle that has a corner there.
-pub(crate) fn can_be_met(position: Vec3) -> bool {
+pub fn can_be_met(position: Vec3) -> bool {
     position.is_finite() && position.abs().max_element() < TOO_LARGE
 }
 

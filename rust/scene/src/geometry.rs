@@ -1,4 +1,4 @@
-use crate::{Curves, Mesh, Points, Scene};
+use crate::{Curves, Instance, Mesh, Points, Scene};
 
 /// Geometry that an [`crate::Instance`] places: an index into a list of [`crate::Scene`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -19,6 +19,11 @@ impl From<usize> for Geometry {
 }
 
 impl Scene {
+    /// True if the camera may meet shadow catchers.
+    pub fn has_shadow_catchers(&self) -> bool {
+        self.instances.iter().any(Instance::catches_shadows)
+    }
+
     /// The mesh that a geometry is; nothing for other kinds, or if it does not exist.
     pub fn mesh(&self, geometry: Geometry) -> Option<&Mesh> {
         let Geometry::Mesh(index) = geometry else { return None };

@@ -197,6 +197,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if instance.is_holdout {
         json(hasher, &"holdout");
     }
+    if instance.is_shadow_catcher {
+        json(hasher, &"shadow catcher");
+    }
     if let Some(links) = &instance.links {
         json(hasher, &("links", links));
     }
@@ -247,11 +250,12 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 23] = [
+        let changes: [fn(&mut Scene); 25] = [
             |scene| scene.meshes[0].undisplaced = Some(Undisplaced::default()),
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
             |scene| scene.instances[0].is_holdout = true,
+            |scene| scene.instances[0].is_shadow_catcher = true,
             |scene| scene.instances[0].links = Some(Box::default()),
             |scene| scene.instances[0].density_factor = 0.5,
             |scene| scene.meshes[0].motion = vec![Vec3::ONE; 3],

@@ -47,6 +47,7 @@ pub use blender_light::{
 pub use builder::{BuildError, SceneBuilder};
 pub use camera::{Camera, DepthOfField, Projection};
 pub use curves::{Curves, StrandLengths, StrandShape};
+pub use damage::can_be_met;
 pub use dispersion::Dispersion;
 pub use displacement::{Displaceable, Displacement, Undisplaced};
 pub use emission_map::{EmissionMap, Falloff, MapDomain, MapKey, PlacedMap};

@@ -121,6 +121,9 @@ pub struct Instance {
     /// Cut out of the film where the camera sees it: nothing is there, and its alpha is 0. Other rays meet it all the same.
     #[serde(default, skip_serializing_if = "is_no")]
     pub is_holdout: bool,
+    /// Shadow catcher: the camera sees only what other objects take from its light, or add to it. Holdouts are none.
+    #[serde(default, skip_serializing_if = "is_no")]
+    pub is_shadow_catcher: bool,
     /// Light linking of what shines on it; none where it shines on everything and everything blocks it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links: Option<Box<EmitterLinks>>,
@@ -165,6 +168,11 @@ impl Instance {
         self.materials.get(slot).or(self.materials.last()).copied()
     }
 
+    /// True for a shadow catcher that is not held out.
+    pub fn catches_shadows(&self) -> bool {
+        self.is_shadow_catcher && !self.is_holdout
+    }
+
     /// An instance with Blender's defaults.
     pub fn new(
         name: impl Into<String>,
@@ -193,6 +201,7 @@ impl Instance {
             visible_volume_scatter: true,
             visible_shadow: true,
             is_holdout: false,
+            is_shadow_catcher: false,
             links: None,
             density_factor: 1.0,
         }

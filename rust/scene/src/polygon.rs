@@ -82,7 +82,7 @@ impl PolygonMesh<'_> {
     /// The triangles of the mesh. Triangles without area are left out: nothing can be seen of them. So are those with
     /// a corner in no finite place; of other numbers that are not finite [`PolygonMesh::damage`] tells what becomes.
     pub fn triangulate(&self) -> Result<Mesh, PolygonError> {
-        self.validate()?;
+        self.check()?;
         let mut out = Mesh {
             name: self.name.into(),
             positions: self.positions.iter().map(|p| if can_be_met(*p) { *p } else { Vec3::ZERO }).collect(),
@@ -166,12 +166,14 @@ impl PolygonMesh<'_> {
         self.positions[self.corner_verts[corner] as usize]
     }
 
-    fn face_corners(&self, face: usize) -> std::ops::Range<usize> {
+    /// Corners of a face.
+    pub fn face_corners(&self, face: usize) -> std::ops::Range<usize> {
         let end = self.face_starts.get(face + 1).map_or(self.corner_verts.len(), |start| *start as usize);
         self.face_starts[face] as usize..end
     }
 
-    fn validate(&self) -> Result<(), PolygonError> {
+    /// Refuses arrays that do not belong together.
+    pub fn check(&self) -> Result<(), PolygonError> {
         let (corners, faces) = (self.corner_verts.len(), self.face_starts.len());
         self.check_indices("corner vertex", self.corner_verts, self.positions.len())?;
         self.check_indices("face start", self.face_starts, corners + 1)?;

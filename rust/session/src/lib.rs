@@ -55,7 +55,8 @@ pub use files::scene_file::{SceneFile, write_scene};
 pub use files::validate::validate;
 pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
 pub use relight::denoise::Denoise;
-pub use relight::relighter::{RelightOptions, Relighter};
+pub use relight::film::CatcherPlace;
+pub use relight::relighter::{PictureMix, RelightOptions, Relighter};
 pub use relight::relit::{Relit, RelitLight};
 pub use relight::source::{Method, UnitSource};
 pub use solve::{

@@ -1,17 +1,23 @@
 //! Light-free paths: sampled by the BSDFs and a [`Guide`], recorded segment by segment (paper, sections 3.1 and 4.1).
 
+mod catcher;
 mod collision;
-mod direct;
+mod emission;
 mod features;
 mod probes;
 mod shadow_path;
+mod sink;
 mod travel;
 
 use glam::Vec3;
-use relume_dump::{AovSample, End, Lobe, Segment, TileSamples};
+use relume_dump::{AovSample, End, Lobe, Segment};
 use relume_scene::Scene;
 
-pub(crate) use self::shadow_path::ShadowDifferences;
+pub use self::sink::PathSink;
+pub(crate) use self::{
+    catcher::{Plate, plate_count},
+    shadow_path::ShadowDifferences,
+};
 use self::{
     features::Features,
     travel::{Arrival, Route},
@@ -32,30 +38,6 @@ use crate::{
     static_light::{LastBounce, StaticLights},
     vertex::Vertex,
 };
-
-/// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
-pub trait PathSink {
-    /// A path starts; at `camera_vertex`, or at the camera's position if that is the same for all paths.
-    fn begin_path(&mut self, camera_vertex: Option<Vec3>);
-    /// The path's next segment.
-    fn push(&mut self, segment: Segment);
-    /// The path has ended.
-    fn end_path(&mut self, aovs: AovSample);
-}
-
-impl PathSink for TileSamples {
-    fn begin_path(&mut self, camera_vertex: Option<Vec3>) {
-        Self::begin_path(self, camera_vertex);
-    }
-
-    fn push(&mut self, segment: Segment) {
-        Self::push(self, segment);
-    }
-
-    fn end_path(&mut self, aovs: AovSample) {
-        self.add_aov(aovs);
-    }
-}
 
 /// Memory that one thread reuses from path to path.
 #[derive(Debug, Default)]
@@ -78,6 +60,8 @@ pub(crate) struct Integrator<'a> {
     pub media: Option<Media>,
     pub shadows: Option<ShadowDifferences>,
     pub classes: Option<LightClasses>,
+    /// True if there are shadow catchers.
+    pub catches: bool,
     pub settings: PathSettings,
 }
 
@@ -108,13 +92,18 @@ struct Walk {
     route: Option<Route>,
     /// Number of the set of blockers that alone stop it, if it is a shadow ray of lights with shadow linking.
     blockers: Option<usize>,
+    /// Plate that it is traced for.
+    plate: Plate,
+    /// True once light counts on that plate.
+    counts: bool,
 }
 
 impl Integrator<'_> {
-    /// Traces path number `sample` of pixel `x`, `y`.
+    /// Traces path number `sample` of pixel `x`, `y` of a plate.
     pub fn trace(
         &self,
         (x, y): (usize, usize),
+        plate: Plate,
         sampler: PixelSampler,
         sample: u32,
         guide: Option<&Guide>,
@@ -125,7 +114,7 @@ impl Integrator<'_> {
         let Some(camera) = self.camera.ray(x, y, time, sampler.draw(sample, CAMERA_GROUP)) else {
             let position = self.scene.camera.world_from_camera.translation.into();
             sink.begin_path((!self.camera.is_pinhole()).then_some(position));
-            sink.end_path(AovSample { alpha: 1.0, ..AovSample::default() });
+            sink.end_path(AovSample { alpha: plate.alpha_without_light(), ..AovSample::default() });
             return;
         };
         let wavelength = self.materials.wavelength(|| sampler.draw(sample, WAVELENGTH_GROUP)[0]);
@@ -143,6 +132,8 @@ impl Integrator<'_> {
                 .as_ref()
                 .map(|media| Route::new(self.stack_at(media, camera.origin, time), camera.origin)),
             blockers: None,
+            plate,
+            counts: plate.counts_at_once(),
         };
         for vertex_number in 0.. {
             let group = CAMERA_GROUP + 1 + GROUPS_PER_VERTEX * vertex_number;
@@ -183,6 +174,11 @@ impl Integrator<'_> {
                         let travelled = walk.route.as_ref().map_or(0.0, |route| route.travelled);
                         features.sample.depth = Some(camera.start + (travelled + hit.distance));
                     }
+                    if self.is_caught(&walk, &hit)
+                        && !self.catch(&mut walk, &point, scratch, &mut features, sink)
+                    {
+                        break;
+                    }
                     if let Some(shadows) = &self.shadows
                         && shadows.at(hit.instance)
                         && walk.last.is_some()
@@ -193,10 +189,11 @@ impl Integrator<'_> {
                     self.meet(&mut walk, &point, guide, scratch, &mut features, draws, sink)
                 }
             };
-            if !goes_on {
+            if !goes_on || walk.is_lost_to_plate() {
                 break;
             }
         }
+        features.keep_plate(&walk);
         features.sample.emission *= self.settings.film_exposure;
         features.sample.world *= self.settings.film_exposure;
         sink.end_path(features.sample);
@@ -225,8 +222,9 @@ impl Integrator<'_> {
             return;
         }
         let left_out = walk.path.left_out.take();
+        let weight = if walk.counts { self.settings.film_exposure } else { 0.0 };
         let segment = Segment {
-            throughput: segment.throughput * self.settings.film_exposure,
+            throughput: segment.throughput * weight,
             receiver: segment.receiver + self.class_offset(walk),
             ..segment
         };
@@ -245,6 +243,7 @@ impl Integrator<'_> {
     /// The path leaves the scene.
     fn escape(&self, walk: &mut Walk, features: &mut Features, sink: &mut impl PathSink) {
         let direction = walk.ray.direction;
+        walk.counts |= walk.shows_background();
         self.record(walk, End::Escape(direction), sink);
         let path = &walk.path;
         if path.sees_background && self.settings.film_transparent {
@@ -299,24 +298,6 @@ impl Integrator<'_> {
         }
         walk.path.throughput /= survival;
         self.scatter(walk, point, [u[0], u[1], u[2]], guide, scratch, features, draws, sink)
-    }
-
-    fn collect_emission(
-        &self,
-        path: &PathState,
-        point: &SurfacePoint,
-        last: Option<LastBounce>,
-        surface: &Surface,
-        features: &mut Features,
-    ) {
-        let emission = surface.emission();
-        let links = self.scene.instances[point.instance as usize].links.as_deref();
-        let is_unlit = links.is_some_and(|links| path.lobe != Lobe::Camera && !links.light(path.receiver));
-        if emission != Vec3::ZERO && !is_unlit {
-            let weight =
-                self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, self.scene, point));
-            features.sample.emission += path.throughput * emission * weight;
-        }
     }
 
     /// Sends the path on from a surface, or says that it ends there.

@@ -26,6 +26,7 @@ pub mod shading;
 mod shutter;
 mod static_light;
 mod strand;
+pub mod subdivide;
 mod subsurface;
 mod vertex;
 

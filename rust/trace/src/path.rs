@@ -32,6 +32,8 @@ pub(crate) struct PathState {
     /// True if nothing but the film's background is seen along the current ray so far: from the camera, through transparent
     /// surfaces and glass that the film shows through (Cycles' `PATH_RAY_TRANSPARENT_BACKGROUND`).
     pub sees_background: bool,
+    /// True once the path sees no objects but shadow catchers.
+    pub catchers_only: bool,
     /// Set where the current segment is between the true and the shading surface ([`crate::bsdf::SampleReach::Lights`]).
     pub lights_only: Option<LightsOnly>,
     /// True if lights along the current ray do not count: the sample says so ([`BsdfSample::unlit`]), or they were recorded
@@ -91,6 +93,7 @@ impl PathState {
             light_lobe: Lobe::Camera,
             receiver: 0,
             sees_background: true,
+            catchers_only: false,
             lights_only: None,
             unlit: false,
             left_out: None,

@@ -14,7 +14,7 @@ use crate::{
     camera::CameraSampler,
     environment::EnvironmentLight,
     guide::Guide,
-    integrator::{Integrator, PathScratch, PathSink, ShadowDifferences},
+    integrator::{Integrator, PathScratch, PathSink, Plate, ShadowDifferences, plate_count},
     light_classes::{LightClasses, segment_classes},
     media::{Bounds, Media},
     sampler::PixelSampler,
@@ -133,6 +133,7 @@ impl<'a> Tracer<'a> {
             lights,
             shadows,
             classes: classes.map(|classes| LightClasses::new(scene, classes)),
+            catches: scene.has_shadow_catchers(),
             settings: paths,
         };
         let guide = Guide::new(&guide_targets(scene, settings), settings.guiding);
@@ -171,7 +172,7 @@ impl<'a> Tracer<'a> {
         queue.finish()
     }
 
-    /// Traces the paths of one pixel into `sink`.
+    /// Traces the paths of one pixel of the dump into `sink`; rows below the camera's are those of its further plates.
     pub fn trace_pixel(
         &self,
         x: usize,
@@ -191,9 +192,11 @@ impl<'a> Tracer<'a> {
         scratch: &mut PathScratch,
         sink: &mut impl PathSink,
     ) {
+        let rows = self.integrator.scene.camera.height;
+        let (plate, y) = (Plate::numbered(y / rows), y % rows);
         let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
         for sample in pass.first_sample..pass.first_sample + pass.samples {
-            self.integrator.trace((x, y), sampler, sample, guide, scratch, sink);
+            self.integrator.trace((x, y), plate, sampler, sample, guide, scratch, sink);
         }
     }
 }
@@ -203,7 +206,8 @@ pub fn guide_targets(scene: &Scene, settings: &TraceSettings) -> Vec<Light> {
     scene.lights.iter().chain(&settings.guide_targets).cloned().collect()
 }
 
-/// The manifest of a dump of `scene`.
+/// The manifest of a dump of `scene`. With shadow catchers it has rows for each plate of the film ([`relume_dump::Manifest`]):
+/// three or four times the camera's.
 pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
     let camera = &scene.camera;
     let is_pinhole = CameraSampler::new(camera, settings.paths.filter).is_pinhole();
@@ -212,7 +216,7 @@ pub fn manifest(scene: &Scene, settings: &TraceSettings) -> Manifest {
         format_version: FORMAT_VERSION,
         scene_hash: scene.hash(),
         width: camera.width,
-        height: camera.height,
+        height: camera.height * plate_count(scene, &settings.paths),
         tile_size: settings.tile_size,
         passes: settings.passes.passes(settings.samples),
         seed: settings.seed,

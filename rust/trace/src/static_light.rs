@@ -152,7 +152,8 @@ impl StaticLights {
         scratch: &mut Surface,
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
-        let mut ray = Ray { kind: RayKind::Shadow, ..vertex.ray(direction) };
+        let catchers_only = tracer.catchers_only;
+        let mut ray = Ray { kind: RayKind::Shadow, catchers_only, ..vertex.ray(direction) };
         let shadow = tracer.ray.shadow_from(vertex.position());
         if let Some(media) = &mut tracer.media {
             media.leave_vertex(vertex, direction);
@@ -245,6 +246,8 @@ pub(crate) struct ShadowTracer<'a> {
     pub cones: Option<&'a Cones>,
     /// Number of transparent surfaces that may lie before a light.
     pub transparent_left: u32,
+    /// True if only shadow catchers stand before a light.
+    pub catchers_only: bool,
     /// The media around the vertex, if there are any in the scene.
     pub media: Option<ShadowMedia<'a>>,
 }

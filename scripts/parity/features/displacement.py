@@ -38,6 +38,48 @@ def vector_displacement(scene):
     material.displacement_method = "DISPLACEMENT"
 
 
+def adaptive_plane(scene):
+    """Ground of a single face, in waves up to the horizon, that its render dices."""
+    material, tree, output = _paint()
+    ground = stage.hunt.add(scene, "Ground", stage.hunt.square("Ground", 60.0, material))
+    ground.location.z = -0.4
+    scene.objects["Wall"].hide_render = True
+    ground.data.polygons.foreach_set("use_smooth", [True])
+    _dice(scene, ground, "SIMPLE")
+    wave = tree.nodes.new("ShaderNodeTexWave")
+    wave.inputs["Scale"].default_value, wave.inputs["Distortion"].default_value = 20.0, 2.0
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(coordinates.outputs["UV"], wave.inputs["Vector"])
+    _along_normal(tree, output, wave.outputs[1], 0.2)
+    material.displacement_method = "DISPLACEMENT"
+
+
+def adaptive_cube(scene):
+    """A cube that becomes a smooth stone, displaced and bumped."""
+    material, tree, output = _paint()
+    cube = stage.hunt.add(scene, "Stone", stage.hunt.box("Stone", 1.6, material))
+    cube.data.polygons.foreach_set("use_smooth", [True] * len(cube.data.polygons))
+    cube.rotation_euler = (0.3, 0.2, 0.6)
+    _dice(scene, cube, "CATMULL_CLARK")
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = 3.0, 2.0
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(coordinates.outputs["Generated"], noise.inputs["Vector"])
+    _along_normal(tree, output, noise.outputs[0], 0.2)
+    material.displacement_method = "BOTH"
+
+
+def _dice(scene, obj, kind):
+    """Subdivides an object adaptively, as its version of Blender does."""
+    modifier = obj.modifiers.new("Subdivision", "SUBSURF")
+    modifier.subdivision_type = kind
+    modifier.levels = modifier.render_levels = 1
+    if hasattr(modifier, "use_adaptive_subdivision"):  # From Blender 5.0 on.
+        modifier.use_adaptive_subdivision = True
+    else:
+        scene.cycles.feature_set, obj.cycles.use_adaptive_subdivision = "EXPERIMENTAL", True
+
+
 def _paint():
     """A material with a little gloss; returns it, its tree and its output."""
     material, tree, output = stage.hunt.new_material("Paint")
@@ -77,5 +119,8 @@ def _along_normal(tree, output, height, scale):
     tree.links.new(node.outputs[0], output.inputs["Displacement"])
 
 
-SCENES = {scene.__name__: scene for scene in (displaced_plane, displaced_both, vector_displacement)}
+SCENES = {
+    scene.__name__: scene
+    for scene in (displaced_plane, displaced_both, vector_displacement, adaptive_plane, adaptive_cube)
+}
 """Builders by the names of their scenes."""

@@ -29,6 +29,17 @@ def holdouts(scene):
     stage.add_ball(scene, "Mirror", 0.4, mirror, (0.0, 0.5, -0.5))
 
 
+def shadow_catcher(scene):
+    """A floor that catches the shadows of a ball and a box, and the light of one, before the world."""
+    bpy.data.objects["Floor"].is_shadow_catcher = True
+    stage.add_ball(scene, "Ball", 0.4, stage.hunt.plain_material("Red", Color=(0.8, 0.1, 0.1, 1.0)), (-0.6, 0.0, -0.6))
+    glow = stage.hunt.plain_material("Glow", "ShaderNodeEmission", Strength=3.0)
+    stage.add_box(scene, "Box", 0.5, glow, (0.8, 0.4, -0.7))
+    scene.world = bpy.data.worlds.new("Grey")
+    scene.world.use_nodes = True
+    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.4, 0.5, 0.7, 1.0)
+
+
 def fisheye(scene):
     """A fisheye lens near the floor."""
     _panoramic(scene, "FISHEYE_EQUISOLID", fisheye_fov=math.radians(170.0), fisheye_lens=9.0)
@@ -53,4 +64,4 @@ def _panoramic(scene, kind, **settings):
     stage.add_box(scene, "Box", 0.5, grey, (0.8, 0.9, -0.7))
 
 
-SCENES = {build.__name__: build for build in (film_glass, holdouts, fisheye, equirectangular)}
+SCENES = {build.__name__: build for build in (film_glass, holdouts, shadow_catcher, fisheye, equirectangular)}

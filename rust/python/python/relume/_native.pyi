@@ -38,6 +38,7 @@ class SceneBuilder:
         turns_corner_normals: bool = False,
         shown_by: str | None = None,
         motion: NDArray[np.float32] | None = None,
+        dicing: tuple[str, NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]] | None = None,
     ) -> int:
         """A polygon mesh in object space: positions [V, 3], vertex of each corner [C], first corner of each face
         [F], normals [V, 3] or [C, 3] (flat without), UV maps [C, 2] and linear colours [C, 4] with
@@ -46,7 +47,12 @@ class SceneBuilder:
         displaces the mesh: those of corners are replaced, or turned as far as the vertices' turn. What is not
         finite is left out or replaced, and named in a warning by the object that shows the mesh, if one is told.
         Motion [M, V, 3] holds the positions at keys that are equally spaced over the shutter's interval: three, five,
-        or another number one above a power of two."""
+        or another number one above a power of two.
+        Dicing makes it the cage of a surface that is cut into small triangles (adaptive subdivision). It holds JSON:
+        the length of `edge`s, in pixels where there is a `screen`; how often faces are halved (`levels`); borders of
+        the `smooth` surface and of its UV maps. Then come vertices [E, 2] and sharpness [E] of creases, and sharpness
+        [V] of vertices, or none. A scene gets 16 million such triangles; a warning tells of edges that are longer for
+        that."""
 
     def add_curves(
         self,
@@ -101,6 +107,7 @@ class SceneBuilder:
         visible_volume_scatter: bool = True,
         visible_shadow: bool = True,
         is_holdout: bool = False,
+        is_shadow_catcher: bool = False,
         links: tuple[list[int] | None, list[int] | None] | None = None,
         density_factor: float = 1.0,
         grids: int | None = None,
@@ -306,11 +313,16 @@ class Relighter:
         self,
         lights: str | None = None,
         *,
+        static_light: Sequence[float] = (1.0, 1.0, 1.0),
+        world: Sequence[float] = (1.0, 1.0, 1.0),
+        catcher_apart: bool = False,
         maker: Literal["auto", "gather", "proxy"] = "auto",
         denoise: bool = True,
     ) -> dict[str, Any]:
         """Pictures under a light set (JSON; the scene's lights if None): scene-linear arrays [height, width, channels],
-        top row first: combined, static, world, albedo, normal, depth, alpha, and lights by name."""
+        top row first: combined, static, world, albedo, normal, depth, alpha, shadow_catcher where there is one, and
+        lights by name. Gains are RGB factors on the scene's own light and on that of the world. Apart, what shadow
+        catchers show is not in the combined picture and its alpha."""
 
     def prepare(
         self,

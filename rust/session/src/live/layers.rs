@@ -5,6 +5,7 @@ use super::terms::{LightTerm, TermSource};
 use super::view::{BakeView, shown_statics};
 use super::world::WorldUnit;
 use crate::error::SessionError;
+use crate::relight::film::Film;
 use crate::relight::frame::{FrameImages, WeightedImage, downsampled, weighted_sum};
 use crate::relight::gathered::Gathered;
 use crate::relight::source::UnitSource;
@@ -116,7 +117,7 @@ impl<'a> FrameLayers<'a> {
     /// Scene-linear RGBA, the bottom row first.
     pub fn image(&self, view: &BakeView, quality: FrameQuality) -> Result<Image, SessionError> {
         let alpha = if quality.scale == 2 { &downsampled(&view.aovs.alpha) } else { &view.aovs.alpha };
-        self.images.sum(alpha, view.denoise(quality.scale))
+        self.images.sum(view.film, alpha, view.denoise(quality.scale))
     }
 }
 
@@ -131,7 +132,7 @@ pub(super) fn noise(
     (units, world): (&UnitCache, Option<&WorldUnit>),
     terms: &[LightTerm],
     stand_ins: &[Option<SharedImage>],
-    picture: &Image,
+    (film, picture): (Film, &Image),
 ) -> Result<Option<f32>, SessionError> {
     let is_summed = |(term, stand_in): &(&LightTerm, &Option<SharedImage>)| {
         term.source == TermSource::Gather && stand_in.is_none()
@@ -148,7 +149,7 @@ pub(super) fn noise(
         .collect();
     let Some(errors) = errors.filter(|errors| !errors.is_empty()) else { return Ok(None) };
     // Passes are those of all lights, so that errors add up as the lights do.
-    let mut noisy = weighted_sum(&errors, picture.width, picture.height)?;
+    let mut noisy = film.top(weighted_sum(&errors, picture.width, picture.height * film.plates())?);
     let colors = picture.data.as_chunks::<4>().0.iter().flat_map(|[rgb @ .., _]| rgb).copied();
     let clean = Image { data: colors.collect(), ..Image::new(picture.width, picture.height, 3) };
     noisy.data.iter_mut().zip(&clean.data).for_each(|(error, value)| *error += value);

@@ -394,7 +394,7 @@ impl RenderThread {
         // Without a denoiser nothing gets better than it is.
         let settled = layers.is_best || !denoised;
         let noise = if settled && !quality.is_drag {
-            noise(request, units, terms, &stand_ins, &image)?
+            noise(request, units, terms, &stand_ins, (view.film, &image))?
         } else {
             None
         };
@@ -406,7 +406,7 @@ impl RenderThread {
     /// Shows surfaces as the paths met them, whatever the lights are.
     fn show_aov(&mut self, aov: Aov, view: &BakeView) {
         let samples = view.samples();
-        self.publish(aov.image(&view.aovs), |shown| Shown { samples, ..shown });
+        self.publish(aov.image(&view.film.features(&view.aovs)), |shown| Shown { samples, ..shown });
     }
 
     /// Publishes a frame. `describe` changes its defaults: full size, and nothing better to come.

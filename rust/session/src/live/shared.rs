@@ -167,6 +167,8 @@ pub(super) struct State {
     /// True while a picture is made that the caller waits for.
     pub rendering: bool,
     pub closed: bool,
+    /// True if the film has shadow catchers.
+    pub catches: bool,
 }
 
 /// Trainings that are to come in a run of the work thread.
@@ -251,22 +253,27 @@ impl Shared {
 }
 
 /// The kinds that some lights are of, of those that have proxies, in the order in which they are learned.
-pub(super) fn kinds_of(lights: &[Light]) -> Vec<LightKind> {
+fn kinds_of(lights: &[Light]) -> Vec<LightKind> {
     let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of_light(light) == Some(*kind));
     [LightKind::FacingDisk, LightKind::Sphere, LightKind::Quad].into_iter().filter(used).collect()
 }
 
 impl State {
+    /// [`kinds_of`] some lights, as far as they are learned in this shot: none with shadow catchers.
+    pub fn kinds_of(&self, lights: &[Light]) -> Vec<LightKind> {
+        if self.catches { Vec::new() } else { kinds_of(lights) }
+    }
+
     /// See [`LiveStatus::unlearned`].
     fn unlearned(&self) -> impl Iterator<Item = LightKind> {
         let request = self.request.as_ref().filter(|request| !request.interactive);
-        let kinds = request.map_or_else(Vec::new, |request| kinds_of(&request.lights));
+        let kinds = request.map_or_else(Vec::new, |request| self.kinds_of(&request.lights));
         kinds.into_iter().filter(|kind| self.measured.iter().all(|(known, _)| known != kind))
     }
 
     /// See [`LiveStatus::to_learn`].
     fn to_learn(&self) -> Vec<u32> {
-        let kinds = self.request.as_ref().map_or_else(Vec::new, |request| kinds_of(&request.lights));
+        let kinds = self.request.as_ref().map_or_else(Vec::new, |request| self.kinds_of(&request.lights));
         let mut list = Vec::new();
         for kind in kinds {
             let mut learned_from = self.learned_from(kind);

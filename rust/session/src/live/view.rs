@@ -7,6 +7,7 @@ use crate::device::proxies::DeviceProxies;
 use crate::files::base_layers::BaseLayers;
 use crate::files::proxies::Proxies;
 use crate::relight::denoise::Denoise;
+use crate::relight::film::Film;
 use crate::relight::frame::downsampled;
 use crate::relight::statics::StaticLayer;
 use relume_dump::{AovSums, Aovs, Dump};
@@ -22,6 +23,8 @@ pub(super) struct BakeView {
     pub deliveries: u64,
     /// Identity of the bake.
     pub bake: String,
+    pub film: Film,
+    /// Of all plates of the film.
     pub aovs: Aovs,
     /// Sums behind `aovs`; empty without paths.
     sums: AovSums,
@@ -70,6 +73,7 @@ impl BakeView {
             return Some(Self::of(
                 deliveries,
                 &base.scene_hash,
+                Film::PLAIN,
                 (AovSums::default(), base.aovs.clone()),
                 Vec::new(),
                 proxies,
@@ -77,6 +81,9 @@ impl BakeView {
             ));
         };
         let bake = dump.manifest().bake_id();
+        let camera = camera(dump.manifest()).ok();
+        let film = camera.as_ref().and_then(|camera| Film::of(dump.manifest(), camera).ok());
+        let film = film.unwrap_or(Film::PLAIN);
         let same =
             before.filter(|before| before.bake == bake && before.samples() <= dump.manifest().samples());
         let view = match same {
@@ -87,28 +94,31 @@ impl BakeView {
                 let mut sums = AovSums::default();
                 sums.extend(&dump);
                 let aovs = sums.means(&dump);
-                Self::of(deliveries, &bake, (sums, aovs), passes, proxies, compute)
+                Self::of(deliveries, &bake, film, (sums, aovs), passes, proxies, compute)
             }
         };
-        let camera = camera(dump.manifest()).ok();
+        let features = film.features(&view.aovs);
         let coverage =
-            camera.map(|camera| GuideCoverage::new(&guiding_record, dump.manifest(), &view.aovs, &camera));
+            camera.map(|camera| GuideCoverage::new(&guiding_record, dump.manifest(), &features, &camera));
+        drop(features);
         Some(Self { coverage, ..view })
     }
 
     fn of(
         deliveries: u64,
         bake: &str,
+        film: Film,
         (sums, aovs): (AovSums, Aovs),
         passes: Vec<DeviceGather>,
         proxies: DeviceProxies,
         compute: &Compute,
     ) -> Self {
-        let denoise = denoisers(&aovs, compute, PASSING);
+        let denoise = denoisers(&film.features(&aovs), compute, PASSING);
         let statics = StaticLayer::of(&aovs);
         let mut view = Self {
             deliveries,
             bake: bake.into(),
+            film,
             aovs,
             sums,
             passes,
@@ -146,7 +156,7 @@ impl BakeView {
     }
 
     fn renew_features(&mut self, compute: &Compute, quality: DenoiseQuality) {
-        self.denoise = denoisers(&self.aovs, compute, quality);
+        self.denoise = denoisers(&self.film.features(&self.aovs), compute, quality);
         self.features = (self.samples(), quality);
     }
 
@@ -173,7 +183,8 @@ impl BakeView {
 
     /// True if pictures of half the size are worth making.
     pub fn can_be_halved(&self) -> bool {
-        self.aovs.alpha.width.min(self.aovs.alpha.height) >= 128
+        let (width, rows) = (self.aovs.alpha.width, self.aovs.alpha.height);
+        width.min(rows / self.film.plates()) >= 128 && self.film.can_be_halved(rows)
     }
 
     /// The denoiser for pictures of the full size (1) or of half of it (2).

@@ -1,4 +1,4 @@
-use super::shared::{Gate, LiveState, ProxyStatus, Shared, TrainingPlan, kinds_of};
+use super::shared::{Gate, LiveState, ProxyStatus, Shared, TrainingPlan};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::features::camera;
 use crate::bake::guiding::{GuideCoverage, GuidingRecord};
@@ -14,6 +14,7 @@ use crate::files::light_set::LightSet;
 use crate::files::names::GUIDED_FILE;
 use crate::files::proxies::Proxies;
 use crate::progress::{Cancel, Monitor};
+use crate::relight::film::Film;
 use crate::train::settings::{Clock, TrainSettings};
 use crate::train::sizes::sizes_with;
 use crate::train::train;
@@ -109,7 +110,9 @@ impl WorkRun {
             return Ok(true);
         }
         let guiding_record = GuidingRecord::of_bake(&self.folder).unwrap_or_default();
-        let coverage = GuideCoverage::new(&guiding_record, manifest, &dump.aovs(), &camera(manifest)?);
+        let (camera, aovs) = (camera(manifest)?, dump.aovs());
+        let features = Film::of(manifest, &camera)?.features(&aovs).into_owned();
+        let coverage = GuideCoverage::new(&guiding_record, manifest, &features, &camera);
         Ok(coverage.would_gain(&self.guide_targets(scene, settings), settings.guiding))
     }
 
@@ -123,7 +126,10 @@ impl WorkRun {
         let world = Arc::new(OtherWorld::new(scene)?);
         self.shared.show_world(world);
         let total = settings.samples.max(there);
-        self.shared.change(|state| state.status.samples_total = total);
+        self.shared.change(|state| {
+            state.status.samples_total = total;
+            state.catches = scene.has_shadow_catchers();
+        });
         let early = Some(SAMPLES_TO_TRAIN).filter(|early| (there + 1..total).contains(early));
         let rounds: Vec<u32> =
             early.filter(|_| self.train_seconds > 0.0).into_iter().chain([total]).collect();
@@ -241,7 +247,10 @@ impl WorkRun {
     fn deliver(&self, dump: Dump) {
         // Without the record nothing is lost but what it has to say about rare lights.
         let guiding_record = GuidingRecord::of_bake(&self.folder).unwrap_or_default();
+        let manifest = dump.manifest();
+        let film = camera(manifest).and_then(|camera| Film::of(manifest, &camera));
         self.shared.change(|state| {
+            state.catches = film.is_ok_and(Film::catches);
             state.guiding_record = guiding_record;
             state.status.samples = dump.manifest().samples();
             state.dump = Some(dump);
@@ -302,8 +311,10 @@ impl WorkRun {
         let compute = self.options.device.open(self.options.gpu_memory)?;
         let mut seen = Vec::new();
         // Asked each time: lights of another kind may have been added while one was learned.
-        while let Some(kind) = kinds_of(&self.lights_in_use()?).into_iter().find(|kind| !seen.contains(kind))
-        {
+        let next = |lights: &[Light], seen: &[LightKind]| {
+            self.shared.lock().kinds_of(lights).into_iter().find(|kind| !seen.contains(kind))
+        };
+        while let Some(kind) = next(&self.lights_in_use()?, &seen) {
             seen.push(kind);
             if !self.shared.lock().is_trained(kind) {
                 self.enter(LiveState::Training);

@@ -91,6 +91,10 @@ impl Denoise {
         quality: DenoiseQuality,
         stop: Option<&Stop<'_>>,
     ) -> Result<bool, SessionError> {
+        let rows = self.aovs.depth.height;
+        if images.iter().any(|image| image.height > rows) {
+            return self.denoise_plates(images, rows, quality, stop);
+        }
         let mut device = self.started();
         let DenoiserState::Ready(ready) = &*device else { return Ok(true) };
         if !ready.is_gpu {
@@ -108,6 +112,26 @@ impl Denoise {
                 Ok(result?)
             }
         }
+    }
+
+    /// [`Denoise::images_until`] for films of several plates, each with the features of the picture.
+    fn denoise_plates(
+        &self,
+        images: &mut [Image],
+        rows: usize,
+        quality: DenoiseQuality,
+        stop: Option<&Stop<'_>>,
+    ) -> Result<bool, SessionError> {
+        for image in images {
+            let plates = (0..image.height / rows).map(|plate| image.rows(plate * rows, rows));
+            let mut plates: Vec<Image> = plates.collect();
+            if !self.denoise(&mut plates, quality, stop)? {
+                return Ok(false);
+            }
+            image.data.clear();
+            plates.iter().for_each(|plate| image.data.extend_from_slice(&plate.data));
+        }
+        Ok(true)
     }
 
     fn started(&self) -> MutexGuard<'_, DenoiserState> {

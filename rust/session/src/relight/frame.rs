@@ -3,6 +3,7 @@
 use crate::device::image::DeviceImage;
 use crate::error::SessionError;
 use crate::relight::denoise::Denoise;
+use crate::relight::film::{CatcherPlace, Film};
 use rayon::prelude::*;
 use relume_gather::DenoiseQuality;
 use relume_gpu::{GpuError, GpuImage};
@@ -23,15 +24,19 @@ pub(crate) struct FrameImages<'a> {
 }
 
 impl FrameImages<'_> {
-    /// Scene-linear RGBA with this alpha, the bottom row first.
-    pub fn sum(&self, alpha: &Image, denoise: &Denoise) -> Result<Image, SessionError> {
+    /// Scene-linear RGBA of a film with this alpha, the bottom row first.
+    pub fn sum(&self, film: Film, alpha: &Image, denoise: &Denoise) -> Result<Image, SessionError> {
         let mut sum = weighted_sum(&self.clean, alpha.width, alpha.height)?;
         if !self.noisy.is_empty() {
             let mut noisy = weighted_sum(&self.noisy, alpha.width, alpha.height)?;
             denoise.images(std::slice::from_mut(&mut noisy), DenoiseQuality::Fast)?;
             sum.add_scaled(&noisy, &[1.0; 3]);
         }
-        Ok(with_alpha(&sum, alpha))
+        if !film.catches() {
+            return Ok(with_alpha(&sum, alpha));
+        }
+        let (picture, alpha) = film.develop(sum, alpha, CatcherPlace::Picture).picture();
+        Ok(with_alpha(&picture, &alpha))
     }
 }
 

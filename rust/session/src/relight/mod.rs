@@ -6,6 +6,7 @@
 //! ```
 
 pub(crate) mod denoise;
+pub(crate) mod film;
 pub(crate) mod frame;
 pub(crate) mod gathered;
 pub(crate) mod light_cache;

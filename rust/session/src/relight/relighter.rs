@@ -13,6 +13,7 @@ use crate::files::names::{GUIDED_FILE, VIEW_FILE, WORLD_FILE};
 use crate::files::proxies::Proxies;
 use crate::progress::{Monitor, Stage};
 use crate::relight::denoise::Denoise;
+use crate::relight::film::{CatcherPlace, Film};
 use crate::relight::gathered::Gathered;
 use crate::relight::notes::LightNotes;
 use crate::relight::relit::{Relit, RelitLight};
@@ -42,12 +43,31 @@ impl Default for RelightOptions {
     }
 }
 
+/// Weights of what is not a light's, and where it goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PictureMix {
+    /// Factor on light that the scene itself emits, RGB.
+    pub static_light: [f32; 3],
+    /// Factor on light of the world, RGB.
+    pub world: [f32; 3],
+    /// Place of what shadow catchers show.
+    pub catcher: CatcherPlace,
+}
+
+impl Default for PictureMix {
+    fn default() -> Self {
+        Self { static_light: [1.0; 3], world: [1.0; 3], catcher: CatcherPlace::Picture }
+    }
+}
+
 /// Turns lights into pictures of all paths, from a bake folder with dump and proxies, or from proxies alone. It keeps each
 /// light's unit image, so that another colour, strength or mute is only a new sum.
 pub struct Relighter {
     folder: PathBuf,
     scene_hash: String,
     camera: Camera,
+    film: Film,
+    /// Of all plates of the film.
     aovs: Aovs,
     gather: Option<DeviceGather>,
     coverage: Option<GuideCoverage>,
@@ -78,7 +98,7 @@ impl Relighter {
             let none = format!("{} holds neither a bake nor a proxy; bake or train first", folder.display());
             return Err(SessionError::Settings(damaged.first().cloned().unwrap_or(none)));
         }
-        let new = Self::new(folder, base.scene_hash, base.camera, base.aovs, None, proxies);
+        let new = Self::new(folder, base.scene_hash, base.camera, (Film::PLAIN, base.aovs), None, proxies);
         Ok(Self { damaged, ..new })
     }
 
@@ -100,9 +120,10 @@ impl Relighter {
             without(GUIDED_FILE, error);
             GuidingRecord::default()
         });
+        let film = Film::of(manifest, &camera)?;
         let (aovs, world) = aovs_of(&dump, world);
-        let coverage = GuideCoverage::new(&guiding_record, manifest, &aovs, &camera);
-        let new = Self::new(folder, scene_hash, camera, aovs, Some(Gather::new(dump)), proxies);
+        let coverage = GuideCoverage::new(&guiding_record, manifest, &film.features(&aovs), &camera);
+        let new = Self::new(folder, scene_hash, camera, (film, aovs), Some(Gather::new(dump)), proxies);
         Ok(Self { coverage: Some(coverage), world: Some(world), damaged, ..new })
     }
 
@@ -110,11 +131,11 @@ impl Relighter {
         folder: &Path,
         scene_hash: String,
         camera: Camera,
-        aovs: Aovs,
+        (film, aovs): (Film, Aovs),
         gather: Option<Gather>,
         proxies: Proxies,
     ) -> Self {
-        let denoise = Denoise::new(&aovs, None);
+        let denoise = Denoise::new(&film.features(&aovs), None);
         let statics = Mutex::new(StaticLayer::of(&aovs));
         let gather = gather.map(DeviceGather::new);
         gather
@@ -125,6 +146,7 @@ impl Relighter {
             folder: folder.to_path_buf(),
             scene_hash,
             camera,
+            film,
             aovs,
             gather,
             coverage: None,
@@ -141,7 +163,7 @@ impl Relighter {
     /// Sets the devices that it runs on.
     #[must_use]
     pub fn on(self, compute: &Compute) -> Self {
-        let denoise = Denoise::new(&self.aovs, compute.gpu.as_deref());
+        let denoise = Denoise::new(&self.film.features(&self.aovs), compute.gpu.as_deref());
         Self { denoise, compute: compute.clone(), ..self }
     }
 
@@ -150,7 +172,12 @@ impl Relighter {
         &self.camera
     }
 
-    /// Per-pixel features and static layers.
+    /// True if its film has shadow catchers, which neither proxies nor solves know.
+    pub fn catches_shadows(&self) -> bool {
+        self.film.catches()
+    }
+
+    /// Per-pixel features and static layers, of all plates of the film one below the other.
     pub fn aovs(&self) -> &Aovs {
         &self.aovs
     }
@@ -278,26 +305,58 @@ impl Relighter {
         options: &RelightOptions,
         monitor: &Monitor,
     ) -> Result<Relit, SessionError> {
+        self.relight_mixed(lights, &PictureMix::default(), options, monitor)
+    }
+
+    /// [`Self::relight`] with other weights than 1.
+    ///
+    /// # Errors
+    /// Fails like [`Self::relight`].
+    pub fn relight_mixed(
+        &self,
+        lights: &[Light],
+        mix: &PictureMix,
+        options: &RelightOptions,
+        monitor: &Monitor,
+    ) -> Result<Relit, SessionError> {
         let options = &self.without_missing_denoiser(options, monitor);
         let units = self.unit_images(lights, options, monitor)?;
-        let lights = lights.iter().zip(units);
-        let lights = lights.map(|(light, (unit, source))| {
-            let mut image = Image::new(unit.width, unit.height, 3);
-            image.add_scaled(&unit, &light.radiance);
+        let scaled = |image: &Image, weight: &[f32; 3]| {
+            let mut scaled = Image::new(image.width, image.height, 3);
+            scaled.add_scaled(image, weight);
+            scaled
+        };
+        let lights = lights.iter().zip(units).map(|(light, (unit, source))| {
+            let image = scaled(&unit, &light.radiance);
             RelitLight { name: light.name.clone(), image, source }
         });
+        let lights: Vec<RelitLight> = lights.collect();
         let [static_light, world] = self.statics(options.denoise)?;
-        Ok(Relit {
-            lights: lights.collect(),
+        let static_light = scaled(&static_light, &mix.static_light);
+        let world = scaled(&world, &mix.world);
+        let features = self.film.features(&self.aovs);
+        let mut relit = Relit {
+            lights,
             static_light,
             world,
-            albedo: self.aovs.albedo.clone(),
-            normal: self.aovs.normal.clone(),
-            depth: self.aovs.depth.clone(),
+            albedo: features.albedo.clone(),
+            normal: features.normal.clone(),
+            depth: features.depth.clone(),
             alpha: self.aovs.alpha.clone(),
+            backdrop: None,
+            shadow_catcher: None,
             scene_hash: self.scene_hash.clone(),
             samples: self.samples(),
-        })
+        };
+        if self.film.catches() {
+            let developed = self.film.develop(relit.combined(), &self.aovs.alpha, mix.catcher);
+            let top = |image: &mut Image| *image = self.film.top(std::mem::take(image));
+            let of_lights = relit.lights.iter_mut().map(|light| &mut light.image);
+            of_lights.chain([&mut relit.static_light, &mut relit.world]).for_each(top);
+            relit.alpha = developed.alpha;
+            (relit.backdrop, relit.shadow_catcher) = (developed.backdrop, developed.catcher);
+        }
+        Ok(relit)
     }
 
     /// Paths per pixel of the bake; 0 without one.

@@ -32,6 +32,10 @@ pub struct Relit {
     pub depth: Image,
     /// Film alpha.
     pub alpha: Image,
+    /// Light of the world behind shadow catchers, dimmed by their shadows; none without them, or where the film is transparent.
+    pub backdrop: Option<Image>,
+    /// Factor of what shadow catchers show, RGB; none without them.
+    pub shadow_catcher: Option<Image>,
     /// Hash of the scene.
     pub scene_hash: String,
     /// Paths per pixel of the dump; 0 if there was none.
@@ -39,11 +43,11 @@ pub struct Relit {
 }
 
 impl Relit {
-    /// Static layer, world and all lights, RGB.
+    /// Static layer, world and all lights, RGB, before the world behind shadow catchers.
     pub fn combined(&self) -> Image {
         let mut sum = self.static_light.clone();
         let layers = self.lights.iter().map(|light| &light.image);
-        layers.chain([&self.world]).for_each(|image| sum.add_scaled(image, &[1.0; 3]));
+        layers.chain([&self.world]).chain(&self.backdrop).for_each(|image| sum.add_scaled(image, &[1.0; 3]));
         sum
     }
 
@@ -56,7 +60,7 @@ impl Relit {
     }
 
     /// Layers under Blender's pass names: `Combined`, `Combined_<light>`, `static`, `world`, `albedo`, `normal`,
-    /// `depth`. The attribute `relume` is JSON: version, scene hash, samples, and the source of each light's layer.
+    /// `depth`, and `Shadow Catcher` where there is one. The attribute `relume` is JSON: version, scene hash, samples, and the source of each light's layer.
     pub fn layers(&self) -> LayeredImage {
         let combined = self.combined_rgba();
         let (width, height) = (combined.width, combined.height);
@@ -68,6 +72,8 @@ impl Relit {
             Layer::vector("normal", self.normal.clone()),
             Layer::depth("depth", self.depth.clone()),
         ];
+        let catcher = self.shadow_catcher.iter();
+        layers.extend(catcher.map(|image| Layer::color("Shadow Catcher", image.clone())));
         let (mut taken, mut sources) = (HashSet::new(), serde_json::Map::new());
         for light in &self.lights {
             let name = free_name(&light.name, &mut taken);
@@ -132,6 +138,8 @@ mod tests {
             normal: image(3, 0.0),
             depth: image(1, 3.0),
             alpha: image(1, 1.0),
+            backdrop: None,
+            shadow_catcher: None,
             scene_hash: "abc".into(),
             samples: 64,
         }

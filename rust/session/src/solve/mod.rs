@@ -61,6 +61,10 @@ pub fn solve_lights(
     if relighters.is_empty() {
         return Err(SessionError::Settings("no bake is given; name a bake folder".into()));
     }
+    if relighters.iter().any(|relighter| relighter.catches_shadows()) {
+        let reason = "scenes with shadow catchers cannot be solved yet; turn them off for the solve";
+        return Err(SessionError::Settings(reason.into()));
+    }
     let options = &request.options;
     if let Some(i) = options.goals.iter().position(|goal| goal.view >= relighters.len()) {
         return Err(SessionError::Settings(format!("goal {}: there is no such view", i + 1)));

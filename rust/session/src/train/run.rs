@@ -8,6 +8,7 @@ use crate::files::proxies::Measured;
 use crate::files::{base_layers, contents};
 use crate::progress::{Monitor, Stage, StageProgress};
 use crate::relight::denoise::Denoise;
+use crate::relight::film::Film;
 use crate::train::measure::measure;
 use crate::train::settings::{Clock, CurvePoint, TrainReport, TrainSettings};
 use crate::train::targets::{DumpTargets, GpuTargets};
@@ -107,6 +108,11 @@ impl TrainBake {
         }
         std::fs::create_dir_all(job.out).map_err(SessionError::io("create the folder", job.out))?;
         let (camera, aovs) = (camera(dump.manifest())?, dump.aovs());
+        if Film::of(dump.manifest(), &camera)?.catches() {
+            let reason =
+                "lights of scenes with shadow catchers are not learned; they are summed from the samples";
+            return Err(SessionError::Settings(reason.into()));
+        }
         let scene_hash = dump.manifest().scene_hash.clone();
         copy_companions(job.bake, job.out)?;
         base_layers::write(job.out, &aovs, &camera, &scene_hash)?;

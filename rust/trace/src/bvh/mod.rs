@@ -91,6 +91,8 @@ pub struct Ray {
     pub time: f32,
     /// Objects can be invisible to a kind of ray.
     pub kind: RayKind,
+    /// True if it meets shadow catchers alone.
+    pub catchers_only: bool,
     /// Instance and primitive that it leaves, which it cannot meet again at once (as in Cycles).
     pub from: Option<(u32, u32)>,
 }
@@ -99,7 +101,8 @@ impl Ray {
     /// An unlimited ray that meets what cameras see.
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         let (time, kind) = (STILL, RayKind::Camera);
-        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY, time, kind, from: None }
+        let catchers_only = false;
+        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY, time, kind, catchers_only, from: None }
     }
 
     /// The ray at a time.
@@ -112,9 +115,9 @@ impl Ray {
 #[derive(Clone, Debug)]
 pub struct SceneBvh {
     tree: Arc<Tree>,
-    /// Bit per [`RayKind`] for each instance.
-    visibility: Vec<u8>,
-    /// True if any instance is invisible to any lobe.
+    /// Bit per [`RayKind`] for each instance, and the same bits above for rays that meet shadow catchers alone.
+    visibility: Vec<u16>,
+    /// True if any instance is invisible to any ray of the scene.
     any_hidden: bool,
     /// Instances whose transform swaps left and right, so that their triangles turn around in the world.
     mirrored: Vec<bool>,
@@ -128,7 +131,11 @@ impl SceneBvh {
     /// Builds the trees. The scene's indices have to be valid ([`Scene::validate`]); triangles without area are left
     /// out.
     pub fn new(scene: &Scene) -> Result<Self, BvhError> {
-        let visibility: Vec<u8> = scene.instances.iter().map(visibility_bits).collect();
+        let bits = |instance: &Instance| {
+            let bits = u16::from(visibility_bits(instance));
+            if instance.catches_shadows() { bits | bits << CATCHERS_ONLY } else { bits }
+        };
+        let visibility: Vec<u16> = scene.instances.iter().map(bits).collect();
         let any_hidden = visibility.iter().any(|bits| *bits != ALL_VISIBLE);
         let mirrored = scene
             .instances
@@ -180,7 +187,7 @@ impl SceneBvh {
     }
 
     fn walk<const ANY: bool>(&self, ray: &Ray) -> Option<NearestHit> {
-        let kind = 1 << ray.kind as u8;
+        let kind = 1 << (ray.kind as u8 + if ray.catchers_only { CATCHERS_ONLY } else { 0 });
         let (from_placed, from_id) = self.source_primitive(ray);
         let sees = |instance: u32| !self.any_hidden || self.visibility[instance as usize] & kind != 0;
         let placed_instance = |placement: u32| self.tree.placements[placement as usize].instance;
@@ -299,7 +306,10 @@ impl SceneBvh {
 /// Stands for the placement of an instance whose triangles are in the world's tree.
 const NOT_PLACED: u32 = u32::MAX;
 
-const ALL_VISIBLE: u8 = 0b111_1111;
+const ALL_VISIBLE: u16 = 0b111_1111;
+
+/// Place of the bits of rays that meet shadow catchers alone.
+const CATCHERS_ONLY: u8 = 8;
 
 /// Bit for each [`RayKind`] that sees an instance. Rays from volume scattering count as diffuse, too, as in Cycles (`path_state_ray_visibility`).
 pub(crate) fn visibility_bits(instance: &Instance) -> u8 {

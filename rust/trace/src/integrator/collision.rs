@@ -72,7 +72,8 @@ impl Integrator<'_> {
             walk.path.receiver = media.receiver(&route.stack);
         }
         walk.last = Some(LastBounce { position, pdf });
-        walk.ray = Ray { kind: RayKind::Volume, ..Ray::new(position, direction).at(time) };
+        let catchers_only = walk.ray.catchers_only;
+        walk.ray = Ray { kind: RayKind::Volume, catchers_only, ..Ray::new(position, direction).at(time) };
         walk.begin_segment(position);
         true
     }

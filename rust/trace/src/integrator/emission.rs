@@ -1,17 +1,40 @@
-//! Light of the scene's own emitters, by light samples.
+//! Light of the scene's own emitters and world along a path.
 
-use super::{Features, Integrator, Route, SHADOW_GROUP};
+use glam::Vec3;
+use relume_dump::Lobe;
+
+use super::{Features, Integrator, SHADOW_GROUP, travel::Route};
 use crate::{
     bsdf::Surface,
     guide::Cones,
     media::{HullCrossing, MediaScratch, ShadowMedia, TrackingNumbers},
     path::PathState,
     sampler::Draws,
-    static_light::{ShadowTracer, StaticSample},
+    shading::SurfacePoint,
+    static_light::{LastBounce, ShadowTracer, StaticSample},
     vertex::Vertex,
 };
 
 impl Integrator<'_> {
+    /// Adds what a surface that the path met emits.
+    pub(super) fn collect_emission(
+        &self,
+        path: &PathState,
+        point: &SurfacePoint,
+        last: Option<LastBounce>,
+        surface: &Surface,
+        features: &mut Features,
+    ) {
+        let emission = surface.emission();
+        let links = self.scene.instances[point.instance as usize].links.as_deref();
+        let is_unlit = links.is_some_and(|links| path.lobe != Lobe::Camera && !links.light(path.receiver));
+        if emission != Vec3::ZERO && !is_unlit {
+            let weight =
+                self.lights.as_ref().map_or(1.0, |lights| lights.emission_weight(last, self.scene, point));
+            features.sample.emission += path.throughput * emission * weight;
+        }
+    }
+
     /// Adds light that comes straight from the scene's own emitters to a vertex.
     pub(super) fn add_static_light(
         &self,
@@ -49,6 +72,7 @@ impl Integrator<'_> {
             receiver,
             cones,
             transparent_left: path.transparent_left(&self.settings.bounces),
+            catchers_only: path.catchers_only,
             media,
         };
         let on_film = path.throughput * self.settings.film_exposure;

@@ -1,0 +1,26 @@
+use glam::Vec3;
+use relume_dump::{AovSample, Segment, TileSamples};
+
+/// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
+pub trait PathSink {
+    /// A path starts; at `camera_vertex`, or at the camera's position if that is the same for all paths.
+    fn begin_path(&mut self, camera_vertex: Option<Vec3>);
+    /// The path's next segment.
+    fn push(&mut self, segment: Segment);
+    /// The path has ended.
+    fn end_path(&mut self, aovs: AovSample);
+}
+
+impl PathSink for TileSamples {
+    fn begin_path(&mut self, camera_vertex: Option<Vec3>) {
+        Self::begin_path(self, camera_vertex);
+    }
+
+    fn push(&mut self, segment: Segment) {
+        Self::push(self, segment);
+    }
+
+    fn end_path(&mut self, aovs: AovSample) {
+        self.add_aov(aovs);
+    }
+}
