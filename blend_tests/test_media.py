@@ -164,6 +164,7 @@ def test_density_by_the_ray(stage, tmp_path, socket):
     assert_equal_to_cycles(stage, tmp_path)
 
 
+@pytest.mark.slow
 def test_smoke_and_its_glow_by_the_ray(stage, tmp_path):
     """A medium that differs from place to place too, under a shining plate."""
     stage.objects["Lamp"].hide_render = True

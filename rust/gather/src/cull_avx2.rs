@@ -7,6 +7,7 @@ use std::arch::x86_64::*;
 use glam::{DVec3, Vec3};
 use relume_dump::{Flags, Shard};
 
+use crate::kept::{ROOM, write_set_bits};
 use crate::light::{Plane, Reach};
 
 /// Records that are tested at a time.
@@ -39,12 +40,12 @@ pub struct CullWork {
     /// After [`LEAD`], a code for each record.
     codes: Box<[u8; LEAD + CHUNK]>,
     /// Numbers of records, and room for what is written too much.
-    pub found: Box<[u32; CHUNK + 32]>,
+    pub found: Box<[u32; CHUNK + ROOM]>,
 }
 
 impl Default for CullWork {
     fn default() -> Self {
-        Self { codes: Box::new([0; LEAD + CHUNK]), found: Box::new([0; CHUNK + 32]) }
+        Self { codes: Box::new([0; LEAD + CHUNK]), found: Box::new([0; CHUNK + ROOM]) }
     }
 }
 
@@ -132,19 +133,11 @@ impl BoxCull {
             if len - start < 32 {
                 bits &= (1 << (len - start)) - 1;
             }
-            let found = bits.count_ones() as usize;
-            let mut next = || {
-                let number = first + start as u32 + bits.trailing_zeros();
-                bits &= bits.wrapping_sub(1);
-                number
-            };
-            // Always some, needed or not: how many there are cannot be predicted.
-            let numbers = &mut work.found[count..count + 32];
-            numbers[..8].iter_mut().for_each(|number| *number = next());
-            if found > 8 {
-                numbers[8..found].iter_mut().for_each(|number| *number = next());
+            // Small lights leave most groups without any.
+            if bits != 0 {
+                let room = work.found[count..].first_chunk_mut().expect("room behind a chunk");
+                count += write_set_bits(bits, first + start as u32, room);
             }
-            count += found;
         }
         count
     }

@@ -10,8 +10,8 @@ use relume_dump::{Flags, Shard};
 
 use crate::light::{Ball, FAR, Reach};
 
-/// Records at a time.
-const WIDTH: usize = 16;
+/// Records at a time, and room that [`BallCull::run`] needs behind as many numbers as it has records.
+pub const WIDTH: usize = 16;
 /// Number of records between the one tested and the one prefetched.
 const AHEAD: usize = 256;
 /// Bound of the rounding of squared distances and their differences, relative to the largest one.
@@ -46,7 +46,7 @@ impl BallCull {
     }
 
     /// Writes the numbers of those of the `records`, which start with a path or follow the ones before, that may touch the
-    /// ball to `found`, and returns how many these are. `found` has to be as long as `records`.
+    /// ball to `found`, and returns how many these are. `found` has to be longer than `records` by [`WIDTH`].
     #[target_feature(enable = "avx512f,popcnt,bmi1")]
     pub fn run(&self, shard: &Shard, records: Range<usize>, found: &mut [u32]) -> usize {
         let registers = self.registers();
@@ -57,11 +57,11 @@ impl BallCull {
         let (xy_whole, xy_rest) = xy[records.clone()].as_chunks::<WIDTH>();
         let (z_whole, z_rest) = z_flags[records.clone()].as_chunks::<WIDTH>();
         let mut count = 0;
-        let mut keep = |first: usize, mut bits: u32| {
-            while bits != 0 {
-                found[count] = first as u32 + bits.trailing_zeros();
-                count += 1;
-                bits &= bits - 1;
+        let mut keep = |first: usize, bits: __mmask16| {
+            // Small lights leave most groups without any.
+            if bits != 0 {
+                let room = found[count..].first_chunk_mut().expect("room behind the records");
+                count += write_set_lanes(bits, first as u32, room);
             }
         };
         for (group, (xy, z_flags)) in xy_whole.iter().zip(z_whole).enumerate() {
@@ -150,7 +150,7 @@ impl BallRegisters {
     /// where `c` is below both `a` and `b`.
     #[inline]
     #[target_feature(enable = "avx512f")]
-    fn near(&self, before: &EndLanes, ends: &EndLanes) -> u32 {
+    fn near(&self, before: &EndLanes, ends: &EndLanes) -> __mmask16 {
         // The lane before, out of the sixteen before for the first.
         let origin = |camera, end, before| {
             _mm512_castsi512_ps(_mm512_mask_alignr_epi32::<15>(
@@ -172,8 +172,20 @@ impl BallRegisters {
         let passes = _mm512_cmp_ps_mask::<_CMP_NGE_UQ>(c, nearer);
         let between =
             _mm512_mask_cmp_ps_mask::<_CMP_NGT_UQ>(passes, gram, _mm512_mul_ps(self.radius2, length2));
-        u32::from(at_an_end | between)
+        at_an_end | between
     }
+}
+
+/// [`write_set_bits`](crate::kept::write_set_bits) of sixteen bits: the numbers are compressed in a register, then written all.
+#[inline]
+#[target_feature(enable = "avx512f,popcnt")]
+fn write_set_lanes(bits: __mmask16, first: u32, room: &mut [u32; WIDTH]) -> usize {
+    let lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    let numbers = _mm512_add_epi32(_mm512_set1_epi32(first as i32), lanes);
+    let kept = _mm512_maskz_compress_epi32(bits, numbers);
+    // SAFETY: 64 bytes are written to an array of sixteen words.
+    unsafe { _mm512_storeu_si512(room.as_mut_ptr().cast(), kept) };
+    bits.count_ones() as usize
 }
 
 #[inline]
@@ -217,6 +229,7 @@ mod tests {
     use relume_dump::{End, Lobe};
 
     use super::*;
+    use crate::kept::{masks_for_tests, set_bits_one_by_one};
     use crate::tests::{Random, dump, manifest, segment};
 
     /// A shard of 4 x 4 pixels with paths of up to six segments in a box around `center`, some far shorter than others.
@@ -253,6 +266,21 @@ mod tests {
     }
 
     #[test]
+    fn set_bits_by_compression_are_those_one_by_one() {
+        if !is_x86_feature_detected!("avx512f") {
+            println!("skipped: no AVX-512");
+            return;
+        }
+        for (i, bits) in masks_for_tests().into_iter().enumerate() {
+            let (bits, first) = (bits as u16, i as u32 * 8191);
+            let mut room = [u32::MAX; WIDTH];
+            // SAFETY: AVX-512 has been detected, and with it goes the rest.
+            let count = unsafe { write_set_lanes(bits, first, &mut room) };
+            assert_eq!(room[..count], set_bits_one_by_one(u32::from(bits), first), "{bits:#x}");
+        }
+    }
+
+    #[test]
     fn what_comes_near_is_found_and_little_else() {
         if !is_x86_feature_detected!("avx512f") {
             println!("skipped: no AVX-512");
@@ -266,7 +294,7 @@ mod tests {
                 let ball = Ball { center: center + random.point(extent * offset), radius: extent * share };
                 let magnitude = center.abs().max_element() + extent * (1.0 + offset) + 5.0;
                 let cull = BallCull::new(&shard, &Reach::Ball(ball), 4e-6 * magnitude).unwrap();
-                let mut found = vec![0; shard.record_count()];
+                let mut found = vec![0; shard.record_count() + WIDTH];
                 let mut numbers = Vec::new();
                 // In chunks that are not multiples of the width.
                 for first in (0..shard.record_count()).step_by(100) {

@@ -20,6 +20,8 @@ mod environment;
 mod error;
 mod gather;
 mod gpu;
+#[cfg(target_arch = "x86_64")]
+mod kept;
 mod kernel;
 mod lanes;
 mod light;

@@ -140,7 +140,7 @@ impl Integrator<'_> {
             let draws = Draws::new(sampler, sample, group);
             self.record_linked(&mut walk, draws, scratch, sink);
             if let Some(shadows) = &self.shadows
-                && shadows.from_start(walk.ray.kind)
+                && shadows.at_start(walk.ray.kind)
                 && walk.last.is_some()
                 && walk.path.starts_lit_ray()
             {

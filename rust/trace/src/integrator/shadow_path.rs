@@ -49,7 +49,7 @@ impl ShadowDifferences {
     }
 
     /// True if rays of this kind do not meet everything that shadow rays meet, or media as these do.
-    pub fn from_start(&self, kind: RayKind) -> bool {
+    pub fn at_start(&self, kind: RayKind) -> bool {
         self.media || self.hidden_blockers & 1 << kind as u8 != 0
     }
 
