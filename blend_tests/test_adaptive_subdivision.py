@@ -21,28 +21,28 @@ OF_MODIFIER = bpy.app.version >= (5, 0, 0)
 
 @pytest.fixture
 def cards(scene, monkeypatch):
-    monkeypatch.setattr(cards_module, "PIXELS", 24)
+    monkeypatch.setattr(cards_module, "PIXELS", 16)
     return Cards(scene, columns=4)
 
 
 def cage(name, columns=3):
-    """A crumpled square that reaches beyond a card, of quads and two triangles, with a UV map and colours."""
+    """A crumpled square of quads and two triangles, with a UV map and colours."""
     mesh = bpy.data.meshes.new(name)
-    side = [1.6 * (i / columns - 0.5) for i in range(columns + 1)]
-    points = [(x, y, 0.12 * ((i + j) % 2)) for j, y in enumerate(side) for i, x in enumerate(side)]
+    side = [i / columns - 0.5 for i in range(columns + 1)]
+    points = [(x, y, 0.08 * ((i + j) % 2)) for j, y in enumerate(side) for i, x in enumerate(side)]
     up = columns + 1
     faces = [(i, i + 1, i + up + 1, i + up) for j in range(columns) for i in range(j * up, j * up + columns)]
     a, b, c, d = faces[columns]
     faces[columns : columns + 1] = [(a, b, c), (a, c, d)]
     mesh.from_pydata(points, [], faces)
-    coords = [[points[loop.vertex_index][axis] / 1.6 + 0.5 for axis in (0, 1)] for loop in mesh.loops]
+    coords = [[points[loop.vertex_index][axis] + 0.5 for axis in (0, 1)] for loop in mesh.loops]
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", np.ravel(coords))
     colors = np.random.default_rng(3).random((len(mesh.loops), 4)).astype(np.float32)
     mesh.color_attributes.new("Col", "FLOAT_COLOR", "CORNER").data.foreach_set("color", colors.ravel())
     return mesh
 
 
-def subdivide(obj, kind="CATMULL_CLARK", pixels=0.25, smooth=True, levels=1, **settings):
+def subdivide(obj, kind="CATMULL_CLARK", pixels=0.5, smooth=True, levels=1, **settings):
     """Gives an object adaptive subdivision to edges of so many pixels."""
     obj.data.polygons.foreach_set("use_smooth", [smooth] * len(obj.data.polygons))
     modifier = obj.modifiers.new("Subdivision", "SUBSURF")
@@ -78,6 +78,7 @@ def add(cards, name, shown=look, offset=None, method="DISPLACEMENT", **settings)
     card, material = cards.scene.objects[name], bpy.data.materials[name]
     card.data = cage(name)
     card.data.materials.append(material)
+    material.cycles.emission_sampling = "NONE"
     cards.show(tree, output, shown(tree))
     if offset is not None:
         material.displacement_method = method
@@ -102,7 +103,8 @@ def test_smooth_surfaces_and_their_attributes_are_those_of_cycles(cards, tmp_pat
     add(cards, "flat", smooth=False)
     add(cards, "linear", kind="SIMPLE")
     add(cards, "linear flat", kind="SIMPLE", smooth=False)
-    creased = add(cards, "creased")
+    # Normals at a crease are those of either side.
+    creased = add(cards, "creased", lambda tree: look(tree, "Position"))
     weights = np.resize([0.0, 1.0, 0.15], len(creased.data.edges)).astype(np.float32)
     creased.data.attributes.new("crease_edge", "FLOAT", "EDGE").data.foreach_set("value", weights)
     assert differing_pixels(cards, tmp_path) == ({}, [])
@@ -115,9 +117,10 @@ def test_maps_are_smooth_as_the_modifier_says(cards, tmp_path):
 
 
 def test_diced_faces_are_displaced_as_in_cycles(cards, tmp_path):
-    for method in ("DISPLACEMENT", "BOTH"):
-        for kind in ("CATMULL_CLARK", "SIMPLE"):
-            add(cards, f"{kind} {method}", offset=height, method=method, kind=kind)
+    for kind in ("CATMULL_CLARK", "SIMPLE"):
+        add(cards, kind, offset=height, kind=kind)
+        if bpy.app.version >= (4, 5, 0) or kind == "SIMPLE":
+            add(cards, f"{kind} bumped", offset=height, method="BOTH", kind=kind)
     assert differing_pixels(cards, tmp_path) == ({}, [])
 
 
@@ -153,7 +156,7 @@ def look_down(scene, height=5.0, pixels=64):
 
 
 def test_triangles_follow_pixels_rates_limits_and_the_dicing_camera(scene):
-    add_diced(scene, "SIMPLE")
+    add_diced(scene, "SIMPLE", levels=0)
     look_down(scene)
     assert triangles(scene) == 2 * 32**2  # 4 m are 32 pixels.
     scene.cycles.dicing_rate = 4.0
@@ -220,17 +223,17 @@ def test_a_plane_in_waves_to_the_horizon_is_that_of_cycles(scene, tmp_path):
     wave = node(tree, "ShaderNodeTexWave", {"Vector": place, "Scale": 0.1}).outputs["Fac"]
     inputs = {"Height": wave, "Midlevel": 0.5, "Scale": 1.0}
     tree.links.new(node(tree, "ShaderNodeDisplacement", inputs).outputs[0], output.inputs["Displacement"])
-    material.displacement_method = "DISPLACEMENT"
+    material.displacement_method, material.cycles.emission_sampling = "DISPLACEMENT", "NONE"
     camera, render = scene.camera, scene.render
     camera.location, camera.rotation_euler = (0.0, -20.0, 3.0), (math.radians(84.0), 0.0, 0.0)
-    render.resolution_x, render.resolution_y = 96, 64
+    render.resolution_x, render.resolution_y = 48, 32
     update()
     loaded = load_scene(scene)
     settings = trace_settings(scene, lambda _: None) | {"samples": 64}
     relume.bake(loaded, tmp_path / "bake", settings).wait()
     ours = relume.Relighter(tmp_path / "bake").relight(loaded.lights(), denoise=False)["combined"][::-1]
     cycles = render_cycles(scene, samples=64)
-    blocks = [image[..., :3].reshape(16, 4, 24, 4, 3).mean(axis=(1, 3)) for image in (ours, cycles)]
+    blocks = [image[..., :3].reshape(8, 4, 12, 4, 3).mean(axis=(1, 3)) for image in (ours, cycles)]
     difference = np.abs(blocks[0] - blocks[1])
     assert loaded.warnings == []
     assert difference.mean() < 0.005 and difference.max() < 0.05, (difference.mean(), difference.max())

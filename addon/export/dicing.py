@@ -80,16 +80,25 @@ def cage_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[b
 def set_normals(arrays: dict[str, Any], mesh: bpy.types.Mesh, is_smooth: bool, is_displaced: bool) -> None:
     """Puts those normals in the arrays of a cage that its diced form has."""
     normals = stored(mesh.vertex_normals, np.float32, 3).copy()
+    flat = arrays.pop("sharp_faces", None)
+    attribute = mesh.attributes.get("sharp_face")
+    if attribute is not None and (attribute.data_type, attribute.domain) == ("BOOLEAN", "FACE"):
+        flat = stored(attribute.data, np.bool_).copy()
     keeps_corners = not is_smooth and bpy.app.version >= (5, 0, 0) and "corner_normals" in arrays
     if not keeps_corners:
         arrays.pop("corner_normals", None)
         arrays["vertex_normals"] = normals
-    flat = mesh.attributes.get("sharp_face")
-    has_flat = flat is not None and not (is_smooth and bpy.app.version < OF_CAGE) and not keeps_corners
-    if has_flat and (flat.data_type, flat.domain) == ("BOOLEAN", "FACE"):
-        arrays["sharp_faces"] = stored(flat.data, np.bool_).copy()
-    else:
-        arrays.pop("sharp_faces", None)
+    if flat is not None and not keeps_corners:
+        if bpy.app.version >= OF_CAGE:
+            arrays["sharp_faces"] = flat
+        elif not is_smooth:  # All triangles of a face have the normal of its first three corners.
+            corners = np.diff(arrays["face_starts"], append=len(arrays["corner_verts"]))
+            first = arrays["corner_verts"][arrays["face_starts"][:, None] + np.arange(3)]
+            a, b, c = np.moveaxis(arrays["positions"][first], 1, 0)
+            of_faces = np.repeat(np.cross(b - a, c - a), corners, axis=0)
+            of_faces /= np.maximum(np.linalg.norm(of_faces, axis=1, keepdims=True), np.float32(1e-30))
+            is_flat = np.repeat(flat, corners)[:, None]
+            arrays["corner_normals"] = np.where(is_flat, of_faces, normals[arrays["corner_verts"]])
     if is_displaced:
         arrays["displacement_normals"] = normals
         arrays["turns_corner_normals"] = keeps_corners and bpy.app.version >= (5, 2, 0)

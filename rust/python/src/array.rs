@@ -2,9 +2,10 @@
 
 use crate::error::{NativeError, invalid};
 use bytemuck::AnyBitPattern;
-use glam::{Affine3A, Mat3, Mat4};
+use glam::{Affine3A, Mat3, Mat4, Vec2};
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// A borrowed, C-contiguous numpy array; `name` is for messages.
 pub struct Array<'py, T: Element> {
@@ -52,4 +53,46 @@ pub fn affine_from_rows(rows: [[f32; 4]; 4]) -> Affine3A {
 /// A matrix from its rows.
 pub fn mat3_from_rows(rows: [[f32; 3]; 3]) -> Mat3 {
     Mat3::from_cols_array_2d(&rows).transpose()
+}
+
+/// Values of an array, if there is one.
+pub fn owned<T: AnyBitPattern>(argument: &'static str, array: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<T>> {
+    array.map_or(Ok(Vec::new()), |array| Ok(Array::<f32>::borrow(argument, array)?.cast()?.to_vec()))
+}
+
+/// UV maps of a dictionary, in its order.
+pub fn owned_uv_maps(maps: Option<&Bound<'_, PyDict>>) -> PyResult<Vec<relume_scene::UvMap>> {
+    let arrays = named_arrays("uv_maps", maps)?;
+    let maps = regrouped::<Vec2>(&arrays)?.into_iter();
+    Ok(maps.map(|(name, coords)| relume_scene::UvMap { name, coords: coords.to_vec() }).collect())
+}
+
+/// Attributes of a dictionary, in its order.
+pub fn owned_attributes(
+    argument: &'static str,
+    attributes: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Vec<relume_scene::ColorAttribute>> {
+    let arrays = named_arrays(argument, attributes)?;
+    let attributes = regrouped::<[f32; 4]>(&arrays)?.into_iter();
+    Ok(attributes
+        .map(|(name, colors)| relume_scene::ColorAttribute { name, colors: colors.to_vec() })
+        .collect())
+}
+
+/// The arrays of a dictionary, in its order.
+pub fn named_arrays<'py>(
+    argument: &'static str,
+    arrays: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Vec<(String, Array<'py, f32>)>> {
+    let entry = |(name, array): (Bound<'py, PyAny>, Bound<'py, PyAny>)| {
+        Ok((name.extract()?, Array::borrow(argument, &array)?))
+    };
+    arrays.into_iter().flatten().map(entry).collect()
+}
+
+/// Arrays with their elements regrouped as `T`.
+pub fn regrouped<'a, T: AnyBitPattern>(
+    arrays: &'a [(String, Array<'_, f32>)],
+) -> PyResult<Vec<(String, &'a [T])>> {
+    arrays.iter().map(|(name, array)| Ok((name.clone(), array.cast()?))).collect()
 }

@@ -1,6 +1,8 @@
 //! `SceneBuilder`.
 
-use crate::array::{Array, affine_from_rows, mat3_from_rows};
+use crate::array::{
+    Array, affine_from_rows, mat3_from_rows, named_arrays, owned, owned_attributes, owned_uv_maps, regrouped,
+};
 use crate::dicing::{DicedMesh, DicingArguments};
 use crate::error::{NativeError, enter_native, invalid};
 use crate::scene::{PyScene, PyWorld};
@@ -469,44 +471,4 @@ fn strand_shape(shape: &str, subdivisions: u8) -> PyResult<scene::StrandShape> {
         "linear" => Ok(scene::StrandShape::Linear),
         _ => Err(invalid(format!("shape '{shape}' is not known")).into()),
     }
-}
-
-/// Values of an array, if there is one.
-fn owned<T: bytemuck::AnyBitPattern>(
-    argument: &'static str,
-    array: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Vec<T>> {
-    array.map_or(Ok(Vec::new()), |array| Ok(Array::<f32>::borrow(argument, array)?.cast()?.to_vec()))
-}
-
-fn owned_uv_maps(maps: Option<&Bound<'_, PyDict>>) -> PyResult<Vec<scene::UvMap>> {
-    let arrays = named_arrays("uv_maps", maps)?;
-    let maps = regrouped::<Vec2>(&arrays)?.into_iter();
-    Ok(maps.map(|(name, coords)| scene::UvMap { name, coords: coords.to_vec() }).collect())
-}
-
-fn owned_attributes(
-    argument: &'static str,
-    attributes: Option<&Bound<'_, PyDict>>,
-) -> PyResult<Vec<scene::ColorAttribute>> {
-    let arrays = named_arrays(argument, attributes)?;
-    let attributes = regrouped::<[f32; 4]>(&arrays)?.into_iter();
-    Ok(attributes.map(|(name, colors)| scene::ColorAttribute { name, colors: colors.to_vec() }).collect())
-}
-
-/// The arrays of a dictionary, in its order.
-fn named_arrays<'py>(
-    argument: &'static str,
-    arrays: Option<&Bound<'py, PyDict>>,
-) -> PyResult<Vec<(String, Array<'py, f32>)>> {
-    let entry = |(name, array): (Bound<'py, PyAny>, Bound<'py, PyAny>)| {
-        Ok((name.extract()?, Array::borrow(argument, &array)?))
-    };
-    arrays.into_iter().flatten().map(entry).collect()
-}
-
-fn regrouped<'a, T: bytemuck::AnyBitPattern>(
-    arrays: &'a [(String, Array<'_, f32>)],
-) -> PyResult<Vec<(String, &'a [T])>> {
-    arrays.iter().map(|(name, array)| Ok((name.clone(), array.cast()?))).collect()
 }
