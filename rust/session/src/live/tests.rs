@@ -1,4 +1,3 @@
-mod catcher;
 mod folders;
 mod world;
 
