@@ -1,3 +1,4 @@
+mod catcher;
 mod folders;
 mod world;
 
