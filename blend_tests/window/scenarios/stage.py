@@ -7,4 +7,4 @@ NEEDS = ["stage.blend"]
 
 def play(driver):
     """See the first line of this file."""
-    yield from visit(driver, "stage.blend", (240, 135), ("Sky", "Glow", "Leaves"), pixels=60)
+    yield from visit(driver, "stage.blend", (256, 144), ("Sky", "Glow", "Leaves"), pixels=60)
