@@ -6,7 +6,6 @@
 //! often than by chance: a bulb of 5 cm radius in 3 m distance fills 1/7200 of a hemisphere. Lights that chance meets often
 //! enough are left to it.
 
-mod columns;
 mod plate;
 mod target;
 
@@ -15,17 +14,12 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 use relume_scene::{Light, LightShape};
 
-use self::{
-    columns::{LANES, Lobe, LobeGroup, TargetGroup, Weights},
-    target::{GuideTarget, Narrow, brightness, height},
-};
+use self::target::{GuideTarget, Narrow, brightness, height};
 use crate::bsdf::ShadingFrame;
 use crate::settings::MOST_GUIDING;
 
 /// Most guide targets: each costs some arithmetic at every vertex.
 const MOST_LIGHTS: usize = 32;
-/// Most lights that take less time one by one than eight at a time.
-const FEW: usize = 5;
 /// Height of the cone from which on a light is left to chance: a solid angle of 0.6.
 const LARGE: f32 = 0.1;
 /// Least of a light's second cone, which is four times as wide as the light, for lights that are moved a little; 5 degrees.
@@ -37,8 +31,6 @@ pub struct Guide {
     /// Most of the directions that are drawn from cones.
     share: f32,
     targets: Vec<GuideTarget>,
-    /// Its lights in columns, where they are many and the processor has AVX2.
-    groups: Vec<TargetGroup>,
 }
 
 /// Share of the directions from a matt surface that faces a light which meet it if nothing is in between, with paths that look
@@ -58,9 +50,7 @@ pub fn hit_probability(guide: Option<&Guide>, point: Vec3, light: &Light) -> Opt
 /// The lights as one point sees them. Reused from point to point: nothing is allocated.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cones {
-    /// Lights one by one, if there are no groups.
     lobes: Vec<GuideLobe>,
-    groups: Vec<LobeGroup>,
     /// Share of the directions that are drawn from them, below 1; 0 where chance does as well.
     pub share: f32,
 }
@@ -87,31 +77,12 @@ impl Guide {
         strongest.sort_by(|a, b| is_sun(b).cmp(&is_sun(a)).then(power(b).total_cmp(&power(a))));
         let targets: Vec<GuideTarget> =
             strongest.into_iter().take(MOST_LIGHTS).map(GuideTarget::new).collect();
-        let in_columns = targets.len() > FEW && columns::is_fast();
-        let groups = targets.chunks(LANES).filter(|_| in_columns).map(TargetGroup::new).collect();
-        (share > 0.0 && !targets.is_empty()).then_some(Self {
-            share: share.min(MOST_GUIDING),
-            targets,
-            groups,
-        })
+        (share > 0.0 && !targets.is_empty()).then_some(Self { share: share.min(MOST_GUIDING), targets })
     }
 
     /// Makes `cones` those that are seen from a point above its horizon.
     pub(crate) fn fill_cones(&self, point: Vec3, horizon: Horizon, cones: &mut Cones) {
-        if cones.groups.len() != self.groups.len() {
-            cones.groups.resize_with(self.groups.len(), LobeGroup::default);
-        }
-        let Weights { all, guided } = if self.groups.is_empty() {
-            self.fill_lobes(point, horizon, &mut cones.lobes)
-        } else {
-            columns::fill(&self.groups, point, horizon, &mut cones.groups)
-        };
-        cones.share = if guided > 0.0 { self.share * guided / all } else { 0.0 };
-    }
-
-    /// [`Guide::fill_cones`] one by one.
-    fn fill_lobes(&self, point: Vec3, horizon: Horizon, lobes: &mut Vec<GuideLobe>) -> Weights {
-        lobes.clear();
+        cones.lobes.clear();
         let (mut all, mut guided) = (0.0, 0.0);
         for target in &self.targets {
             let seen = target.seen_from(point);
@@ -125,11 +96,11 @@ impl Guide {
             if probability > 0.0 {
                 guided += probability;
                 let wide = height((32.0 * seen.height).max(seen.sine_squared).clamp(WIDE, 1.0));
-                lobes.push(GuideLobe { axis: seen.axis, narrow: seen.narrow, wide, probability });
+                cones.lobes.push(GuideLobe { axis: seen.axis, narrow: seen.narrow, wide, probability });
             }
         }
-        lobes.iter_mut().for_each(|lobe| lobe.probability /= guided);
-        Weights { all, guided }
+        cones.lobes.iter_mut().for_each(|lobe| lobe.probability /= guided);
+        cones.share = if guided > 0.0 { self.share * guided / all } else { 0.0 };
     }
 }
 
@@ -154,12 +125,6 @@ impl Horizon {
 impl Cones {
     /// A direction from three numbers in 0..1. There has to be a cone.
     pub fn sample(&self, u: [f32; 3]) -> Vec3 {
-        if !self.groups.is_empty() {
-            return match columns::sample(&self.groups, u) {
-                Lobe::Cone(axis, height) => sample_cone(axis, height, [u[1], u[2]]),
-                Lobe::Point { to, axis } => to.normalize_or(axis),
-            };
-        }
         let mut rest = u[0];
         let mut chosen = &self.lobes[0];
         for lobe in &self.lobes {
@@ -187,9 +152,6 @@ impl Cones {
 
     /// Density of [`Cones::sample`] over solid angle.
     fn density(&self, direction: Vec3) -> f32 {
-        if !self.groups.is_empty() {
-            return columns::density(&self.groups, direction);
-        }
         let mut sum = 0.0;
         for lobe in &self.lobes {
             // Of two unit vectors: 1 less their cosine.

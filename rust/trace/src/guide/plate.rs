@@ -9,13 +9,13 @@ const RIM: f32 = 1.01;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plate {
     /// Full edges.
-    pub edges: [Vec3; 2],
+    edges: [Vec3; 2],
     /// Their products with a point of the plane give its place on the plate, -1/2 to 1/2.
-    pub across: [Vec3; 2],
+    across: [Vec3; 2],
     /// Unit, to the side that shines.
     pub normal: Vec3,
-    pub area: f32,
-    pub is_ellipse: bool,
+    area: f32,
+    is_ellipse: bool,
 }
 
 impl Plate {
@@ -48,19 +48,14 @@ impl Plate {
 
     /// A point, from the centre.
     pub fn sample(&self, u: [f32; 2]) -> Vec3 {
-        Self::point(self.edges, self.is_ellipse, u)
-    }
-
-    /// [`Plate::sample`] of a plate with these edges.
-    pub fn point(edges: [Vec3; 2], is_ellipse: bool, u: [f32; 2]) -> Vec3 {
-        let [x, y] = if is_ellipse {
+        let [x, y] = if self.is_ellipse {
             let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
             let radius = 0.5 * u[0].sqrt();
             [radius * cos_phi, radius * sin_phi]
         } else {
             u.map(|u| u - 0.5)
         };
-        edges[0] * x + edges[1] * y
+        self.edges[0] * x + self.edges[1] * y
     }
 
     /// Density over solid angle of directions to [`Plate::sample`]: squared distance over area and cosine.

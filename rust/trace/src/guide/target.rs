@@ -6,7 +6,7 @@ use relume_scene::{Light, LightShape};
 use super::plate::Plate;
 
 /// Narrowest cone, as the squared sine of its half angle: below, single precision would miss it.
-pub(super) const NARROWEST: f32 = 1e-6;
+const NARROWEST: f32 = 1e-6;
 
 /// Light as the guide sees it.
 #[derive(Clone, Copy, Debug)]

@@ -1,4 +1,5 @@
-use super::{target::TargetPlace, *};
+use super::target::TargetPlace;
+use super::*;
 
 fn light(shape: &LightShape) -> Light {
     Light { name: "light".into(), ..Light::unit(*shape) }
@@ -18,17 +19,6 @@ impl Guide {
 
     fn seen(&self) -> Cones {
         self.seen_from(Vec3::ZERO)
-    }
-}
-
-impl Cones {
-    /// Number of lights that are drawn from.
-    fn count(&self) -> usize {
-        let in_columns = self.groups.iter().flat_map(|group| group.probability);
-        match self.groups.is_empty() {
-            true => self.lobes.len(),
-            false => in_columns.filter(|probability| *probability > 0.0).count(),
-        }
     }
 }
 
@@ -142,7 +132,7 @@ fn lights_are_left_to_chance_where_it_meets_them_or_they_do_not_shine() {
     };
     assert!(guide(&[spot(Vec3::X)]).seen().share == 0.0);
     let to_us = guide(&[spot(-Vec3::X)]).seen();
-    assert_eq!((to_us.count(), to_us.share > 0.49), (1, true));
+    assert_eq!((to_us.lobes.len(), to_us.share > 0.49), (1, true));
     let quad = LightShape::Quad { center: all, edge_u: 0.1 * Vec3::Y, edge_v: 0.1 * Vec3::Z, spread: PI };
     assert!(guide(&[quad]).seen().share == 0.0);
     assert!(guide(&[quad]).seen_from(Vec3::new(6.0, 0.0, 0.0)).share > 0.0);
@@ -240,67 +230,4 @@ fn chance_to_meet_a_light_is_that_of_what_is_drawn() {
         soft_falloff: true,
     };
     assert!(hit_probability(None, Vec3::ZERO, &light(&away)).is_none());
-}
-
-/// Lights of every shape, as many as these, some of which do not shine to where points are.
-fn lights_of_every_shape(count: usize) -> Vec<Light> {
-    let point = |i: usize, scale: f32| {
-        let [x, y, z] = [0.754_877_67, 0.569_840_29, 0.438_579_13].map(|step| number(i, step) - 0.5);
-        Vec3::new(x, y, z) * scale
-    };
-    let shape = |i: usize| {
-        let (center, axis) = (point(i + 1, 8.0), point(3 * i + 2, 1.0).normalize_or(Vec3::Z));
-        let (edge_u, radius) = (point(5 * i + 3, 1.5), [1e-4, 0.02, 0.3, 2.0][i / 7 % 4]);
-        let edge_v = edge_u.cross(axis);
-        match i % 7 {
-            0 => ball(center, radius),
-            1 => LightShape::Quad { center, edge_u, edge_v, spread: PI },
-            2 => LightShape::Ellipse { center, edge_u, edge_v: 1e-3 * edge_v, spread: PI },
-            3 => LightShape::Sun { direction: axis, half_angle: radius.min(0.4) },
-            4 => LightShape::Spot { center, radius, axis, half_angle: 0.9, blend: 0.0, soft_falloff: true },
-            _ => LightShape::Sheared {
-                center,
-                edge_u,
-                edge_v: edge_v + 0.3 * edge_u,
-                facing: axis,
-                spread: PI,
-                is_ellipse: i % 7 == 5,
-            },
-        }
-    };
-    (0..count).map(|i| Light { radiance: [0.1 + number(i, 0.31); 3], ..light(&shape(i)) }).collect()
-}
-
-#[test]
-fn eight_lights_at_a_time_are_those_one_at_a_time_bit_by_bit() {
-    let mut guided = 0;
-    for count in [1, 2, 7, 8, 9, 16, 31] {
-        let lights = lights_of_every_shape(count);
-        let plain = Guide { groups: Vec::new(), ..Guide::new(&lights, 0.5).unwrap() };
-        let guide =
-            Guide { groups: plain.targets.chunks(LANES).map(TargetGroup::new).collect(), ..plain.clone() };
-        let (mut cones, mut one_by_one) = (Cones::default(), Cones::default());
-        for i in 0..400 {
-            let at = |step: f64, scale: f32| (on_sphere([number(i, step), number(i, 0.63)])) * scale;
-            let point = at(0.37, 3.0 * number(i, 0.91));
-            let horizon = Horizon((i % 3 > 0).then(|| [at(0.71, 1.0), at(0.73, 1.0)]));
-            guide.fill_cones(point, horizon, &mut cones);
-            plain.fill_cones(point, horizon, &mut one_by_one);
-            assert_eq!(cones.share, one_by_one.share);
-            assert_eq!(cones.count(), one_by_one.count());
-            if cones.share == 0.0 {
-                continue;
-            }
-            guided += 1;
-            for j in 0..20 {
-                let u = [number(j, 0.819_172_51), number(i + j, 0.671_043_61), number(i + j, 0.549_700_48)];
-                let drawn = cones.sample(u);
-                assert_eq!(drawn, one_by_one.sample(u));
-                for direction in [drawn, on_sphere([u[0], u[1]])] {
-                    assert_eq!(cones.density(direction), one_by_one.density(direction), "{count} at {point}");
-                }
-            }
-        }
-    }
-    assert!(guided > 1000, "{guided}");
 }
