@@ -50,6 +50,7 @@ def shown(cards, name, image, **user):
     cards.show(tree, output, texture.outputs["Color"])
 
 
+@pytest.mark.slow
 def test_movies_show_the_frame_that_they_show_in_cycles(scene, movie, tmp_path):
     cards = Cards(scene)
     shown(cards, "third", movie, use_auto_refresh=True)

@@ -61,7 +61,8 @@ fn a_frame_of_half_the_size_halves_each_plate() {
     assert_eq!((frame.shown.scale, frame.image.width, frame.image.height), (2, 80, 65));
     let alpha: Vec<f32> = frame.image.data.iter().skip(3).step_by(4).copied().collect();
     let (least, most) = alpha.iter().fold((1.0_f32, 0.0_f32), |(a, b), alpha| (a.min(*alpha), b.max(*alpha)));
-    assert!(least >= 0.0 && (most - 1.0).abs() < 1e-5, "alpha of {least} to {most}");
+    // The blocker is some pixels wide, and fills most of one of half the size.
+    assert!(least >= 0.0 && (0.5..1.00001).contains(&most), "alpha of {least} to {most}");
 }
 
 #[test]
