@@ -164,7 +164,7 @@ TABLE = {
         "specular_color roughness specular_intensity metallic max_vertex_displacement",
         BY_DEPSGRAPH: "animation_data",
         VIEWS: "preview_render_type use_preview_world texture_paint_* paint_* line_color line_priority lineart",
-        "of grease pencil, which is named": "grease_pencil",
+        IN_F12: "grease_pencil",
     },
     "CyclesMaterialSettings": {
         READ: "emission_sampling",
@@ -199,12 +199,11 @@ TABLE = {
     "UnitSettings": {VIEWS: "*"},
     "Scene": {
         READ: "camera background_set world objects view_settings display_settings view_layers collection cycles render",
-        IN_F12: "sequence_editor node_tree use_nodes compositing_node_group compositor_effects",
+        IN_F12: "sequence_editor node_tree use_nodes compositing_node_group compositor_effects grease_pencil_settings",
         BY_DEPSGRAPH: "frame_* animation_data simulation_* use_custom_simulation_range rigidbody_world gravity "
         "use_gravity",
         HAIR: "cycles_curves",
         EEVEE: "eevee display hydra",
-        "of grease pencil, which is named": "grease_pencil_settings",
         VIEWS: "lock_frame_selection_to_range use_preview_range show_* sync_mode keying_sets* tool_settings "
         "unit_settings safe_areas timeline_markers transform_orientation_slots cursor grease_pencil annotation "
         "active_clip time_jump_* allow_preroll playback_loop_mode wrap_timeline_navigation",

@@ -31,11 +31,8 @@ from .volumes import VolumeExporter, density_factor, has_velocity, smoke_domain
 from .world import Space, WorldRenderError, export_world, world_of
 from .world_graph import WorldGraph
 
-UNSUPPORTED_TYPES = {
-    "GREASEPENCIL": "grease pencil",
-    "GPENCIL": "grease pencil",
-}
-"""Types of objects that are not exported, in words. Geometry that nodes add to a mesh may appear as objects of them."""
+GREASE_PENCIL = {"GREASEPENCIL", "GPENCIL"}
+"""Types of objects that Blender draws over the pictures of any render engine."""
 FILTERS = {"GREASEPENCIL": "use_grease_pencil"}
 """Switches of a view layer that leave such objects out of every picture."""
 
@@ -318,8 +315,10 @@ class _SceneExporter:
         warn, name = self.builder.warn, obj.name
         if not getattr(self.view_layer, FILTERS.get(obj.type, ""), True):
             return
-        if obj.type in UNSUPPORTED_TYPES:
-            warn(f"object '{name}': {UNSUPPORTED_TYPES[obj.type]} are not supported yet; left out")
+        if obj.type in GREASE_PENCIL:
+            warn(
+                f"object '{name}': Blender draws grease pencil itself, over renders with Relume as render engine alone"
+            )
         elif obj.type == "CURVE" and obj.original.type != "CURVE":
             warn(f"object '{name}': curves that its geometry nodes leave without a profile are left out, as by Cycles")
 
