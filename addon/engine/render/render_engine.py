@@ -54,7 +54,7 @@ class PassSettings:
     normal: bool = False
     albedo: bool = False
     shadow_catcher: bool = False
-    """What shadow catchers show, which is not in Combined then, as with Cycles."""
+    """Pass of what shadow catchers show; Combined is without it then, as with Cycles."""
 
     def declare(self, lights: list[str]) -> list[tuple[str, int, str, str]]:
         """Name, channels, their letters and Blender's type of each pass."""

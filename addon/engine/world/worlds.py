@@ -113,7 +113,7 @@ def _contents(image: bpy.types.Image) -> _Contents:
 
 
 def _written(path: str, image: str) -> list[int]:
-    """What changes with an image's file."""
+    """Facts that change with an image's file."""
     try:
         found = Path(path).stat()
     except OSError as error:

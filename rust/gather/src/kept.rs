@@ -26,8 +26,8 @@ const fn set_bits_of_bytes() -> [u64; 256] {
     table
 }
 
-/// Writes `first` plus the number of each bit that is set, rising, to the front of `room` and returns how many these are.
-/// What is behind them in `room` may change too.
+/// Writes `first` plus the number of each bit that is set, rising, to the front of `room` and returns how many these are;
+/// the rest of `room` may change, too.
 #[inline]
 #[target_feature(enable = "avx2,popcnt")]
 pub fn write_set_bits(bits: u32, first: u32, room: &mut [u32; ROOM]) -> usize {

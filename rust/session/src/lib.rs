@@ -56,7 +56,8 @@ pub use files::validate::validate;
 pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
 pub use relight::denoise::Denoise;
 pub use relight::film::CatcherPlace;
-pub use relight::relighter::{PictureMix, RelightOptions, Relighter};
+pub use relight::options::{PictureMix, RelightOptions};
+pub use relight::relighter::Relighter;
 pub use relight::relit::{Relit, RelitLight};
 pub use relight::source::{Method, UnitSource};
 pub use solve::{

@@ -24,7 +24,7 @@ pub(super) struct BakeView {
     /// Identity of the bake.
     pub bake: String,
     pub film: Film,
-    /// Of all plates of the film.
+    /// Features and static layers of all plates of the film.
     pub aovs: Aovs,
     /// Sums behind `aovs`; empty without paths.
     sums: AovSums,

@@ -11,6 +11,7 @@ pub(crate) mod frame;
 pub(crate) mod gathered;
 pub(crate) mod light_cache;
 pub(crate) mod notes;
+pub(crate) mod options;
 pub(crate) mod relighter;
 pub(crate) mod relit;
 pub(crate) mod source;

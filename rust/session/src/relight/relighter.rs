@@ -13,11 +13,12 @@ use crate::files::names::{GUIDED_FILE, VIEW_FILE, WORLD_FILE};
 use crate::files::proxies::Proxies;
 use crate::progress::{Monitor, Stage};
 use crate::relight::denoise::Denoise;
-use crate::relight::film::{CatcherPlace, Film};
+use crate::relight::film::Film;
 use crate::relight::gathered::Gathered;
 use crate::relight::notes::LightNotes;
+use crate::relight::options::{PictureMix, RelightOptions};
 use crate::relight::relit::{Relit, RelitLight};
-use crate::relight::source::{Method, UnitSource, camera_only};
+use crate::relight::source::{UnitSource, camera_only};
 use crate::relight::statics::StaticLayer;
 use crate::relight::units::{GROUP, UnitCache, UnitImages};
 use relume_dump::{Aovs, Dump, Manifest};
@@ -28,38 +29,6 @@ use relume_scene::{Camera, Light, Scene, Texture, World};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Options of a relight.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RelightOptions {
-    /// Method that makes the pictures.
-    pub method: Method,
-    /// True to denoise gathered lights and the static layers; without a denoiser the user is warned.
-    pub denoise: bool,
-}
-
-impl Default for RelightOptions {
-    fn default() -> Self {
-        Self { method: Method::Auto, denoise: true }
-    }
-}
-
-/// Weights of what is not a light's, and where it goes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PictureMix {
-    /// Factor on light that the scene itself emits, RGB.
-    pub static_light: [f32; 3],
-    /// Factor on light of the world, RGB.
-    pub world: [f32; 3],
-    /// Place of what shadow catchers show.
-    pub catcher: CatcherPlace,
-}
-
-impl Default for PictureMix {
-    fn default() -> Self {
-        Self { static_light: [1.0; 3], world: [1.0; 3], catcher: CatcherPlace::Picture }
-    }
-}
-
 /// Turns lights into pictures of all paths, from a bake folder with dump and proxies, or from proxies alone. It keeps each
 /// light's unit image, so that another colour, strength or mute is only a new sum.
 pub struct Relighter {
@@ -67,7 +36,7 @@ pub struct Relighter {
     scene_hash: String,
     camera: Camera,
     film: Film,
-    /// Of all plates of the film.
+    /// Features and static layers of all plates of the film.
     aovs: Aovs,
     gather: Option<DeviceGather>,
     coverage: Option<GuideCoverage>,

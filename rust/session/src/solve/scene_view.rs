@@ -8,7 +8,8 @@ use super::lights::{Unknowns, VariablePicture};
 use super::{Backend, SolveRequest};
 use crate::error::SessionError;
 use crate::progress::Monitor;
-use crate::relight::relighter::{RelightOptions, Relighter};
+use crate::relight::options::RelightOptions;
+use crate::relight::relighter::Relighter;
 
 /// View with all that is there besides the lights to be solved, in pictures of the size that is compared.
 pub(crate) struct SceneView<'a> {
