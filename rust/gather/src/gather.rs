@@ -117,7 +117,7 @@ impl Gather {
     }
 
     /// The image of one of several lights from the values of all tiles, light by light, then pixel by pixel.
-    pub(crate) fn assemble(&self, tiles: &[Vec<[f32; 3]>], light: usize) -> Image {
+    pub fn assemble(&self, tiles: &[Vec<[f32; 3]>], light: usize) -> Image {
         let manifest = self.dump.manifest();
         let mut image = Image::new(manifest.width, manifest.height, 3);
         for (tile, values) in tiles.iter().enumerate() {

@@ -16,6 +16,7 @@ mod cull_avx2;
 mod cull_avx512;
 mod denoise;
 mod emission_map;
+mod emitter;
 mod environment;
 mod error;
 mod gather;
@@ -34,6 +35,7 @@ mod sheared;
 mod soft;
 
 pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser, Stop};
+pub use emitter::{Emitter, LightSample};
 pub use environment::Environment;
 pub use error::GatherError;
 pub use gather::{Gather, GatherScratch};

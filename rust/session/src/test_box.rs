@@ -7,7 +7,7 @@ use relume_scene::{Camera, Input, Instance, Light, LightShape, Material, Mesh, N
 use relume_trace::{Control, TraceSettings, Tracer};
 
 /// A closed grey box, seen from its middle.
-fn closed_box((width, height): (usize, usize)) -> Result<Scene, SessionError> {
+pub fn closed_box((width, height): (usize, usize)) -> Result<Scene, SessionError> {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - Vec3::ONE;
     let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let mesh = Mesh {

@@ -2,6 +2,7 @@
 
 mod catcher;
 mod collision;
+mod connection;
 mod emission;
 mod features;
 mod probes;
@@ -35,7 +36,7 @@ use crate::{
     sampler::{Draws, PixelSampler},
     settings::PathSettings,
     shading::{PreparedMaterials, SurfacePoint},
-    static_light::{LastBounce, StaticLights},
+    static_light::{LastBounce, SeeThrough, StaticLights},
     vertex::Vertex,
 };
 
@@ -57,6 +58,7 @@ pub(crate) struct Integrator<'a> {
     pub camera: CameraSampler,
     pub environment: EnvironmentLight,
     pub lights: Option<StaticLights>,
+    pub see_through: SeeThrough,
     pub media: Option<Media>,
     pub shadows: Option<ShadowDifferences>,
     pub classes: Option<LightClasses>,
@@ -301,7 +303,7 @@ impl Integrator<'_> {
     }
 
     /// Sends the path on from a surface, or says that it ends there.
-    fn scatter(
+    fn scatter<S: PathSink>(
         &self,
         walk: &mut Walk,
         point: &SurfacePoint,
@@ -310,7 +312,7 @@ impl Integrator<'_> {
         scratch: &mut PathScratch,
         features: &mut Features,
         draws: Draws,
-        sink: &mut impl PathSink,
+        sink: &mut S,
     ) -> bool {
         let limits = &self.settings.bounces;
         let Walk { path, ray, last, .. } = walk;
@@ -327,16 +329,19 @@ impl Integrator<'_> {
         self.filter_closures(path, surface);
         let vertex = Vertex::Surface { point, surface };
         let cones = guided(guide, &vertex, &mut scratch.cones);
-        self.add_static_light(
-            path,
-            walk.route.as_ref(),
-            vertex,
-            cones,
-            &mut scratch.shadow,
-            &mut scratch.media,
-            features,
-            draws,
-        );
+        if S::WANTS_STATIC_LIGHT {
+            self.add_static_light(
+                path,
+                walk.route.as_ref(),
+                vertex,
+                cones,
+                &mut scratch.shadow,
+                &mut scratch.media,
+                features,
+                draws,
+            );
+        }
+        sink.meet(|| self.diffuse_vertex(path, point, surface));
         if let Some(entry) = surface.enters(u[2]) {
             features.record_surface(surface);
             let Some((exit, draws)) = self.cross_body(path, point, &entry, draws, surface) else {

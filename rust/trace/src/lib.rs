@@ -8,6 +8,7 @@
 pub mod bsdf;
 pub mod bvh;
 pub mod camera;
+mod connect;
 mod discrete;
 mod displace;
 mod emitters;
@@ -30,6 +31,7 @@ pub mod subdivide;
 mod subsurface;
 mod vertex;
 
+pub use connect::{ConnectScratch, DiffuseVertex, TileVertices, VertexLimits};
 pub use displace::displace;
 pub use guide::{Guide, hit_probability};
 pub use integrator::{PathScratch, PathSink};

@@ -20,7 +20,7 @@ use crate::{
     sampler::PixelSampler,
     settings::TraceSettings,
     shading::PreparedMaterials,
-    static_light::StaticLights,
+    static_light::{SeeThrough, StaticLights},
 };
 
 /// Why a scene could not be traced.
@@ -84,9 +84,9 @@ pub struct Control<'a> {
 /// A scene made ready for tracing.
 #[derive(Debug)]
 pub struct Tracer<'a> {
-    integrator: Integrator<'a>,
+    pub(crate) integrator: Integrator<'a>,
     guide: Option<Guide>,
-    settings: TraceSettings,
+    pub(crate) settings: TraceSettings,
     warnings: Vec<String>,
 }
 
@@ -131,6 +131,7 @@ impl<'a> Tracer<'a> {
             materials,
             environment,
             lights,
+            see_through: SeeThrough::new(scene),
             shadows,
             classes: classes.map(|classes| LightClasses::new(scene, classes)),
             catches: scene.has_shadow_catchers(),
@@ -184,7 +185,7 @@ impl<'a> Tracer<'a> {
         self.trace_guided((x, y), pass, self.guide.as_ref(), scratch, sink);
     }
 
-    fn trace_guided(
+    pub(crate) fn trace_guided(
         &self,
         (x, y): (usize, usize),
         pass: Pass,

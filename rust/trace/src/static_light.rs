@@ -27,9 +27,29 @@ const LIGHT_THRESHOLD: f32 = 0.01;
 pub(crate) struct StaticLights {
     emitters: Option<Emitters>,
     samples_environment: bool,
-    /// For each instance: whether any of its materials lets shadow rays through.
-    transparent: Vec<bool>,
-    any_transparent: bool,
+}
+
+/// Instances that let shadow rays through.
+#[derive(Debug)]
+pub(crate) struct SeeThrough {
+    /// For each instance: whether any of its materials does.
+    by_instance: Vec<bool>,
+    any: bool,
+}
+
+impl SeeThrough {
+    /// Those of a scene.
+    pub fn new(scene: &Scene) -> Self {
+        let by_material: Vec<bool> = (scene.materials.iter())
+            .map(|material| may_be_transparent(material) && !material.opaque_shadows)
+            .collect();
+        let by_instance: Vec<bool> = scene
+            .instances
+            .iter()
+            .map(|instance| instance.materials.iter().any(|m| by_material.get(*m) == Some(&true)))
+            .collect();
+        Self { any: by_instance.contains(&true), by_instance }
+    }
 }
 
 /// Contribution of a light sample to the static layers, before the path's throughput.
@@ -51,21 +71,7 @@ impl StaticLights {
     pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &EnvironmentLight) -> Option<Self> {
         let emitters = Emitters::new(scene, materials);
         let samples_environment = environment.can_sample();
-        let by_material: Vec<bool> = (scene.materials.iter())
-            .map(|material| may_be_transparent(material) && !material.opaque_shadows)
-            .collect();
-        let transparent: Vec<bool> = scene
-            .instances
-            .iter()
-            .map(|instance| instance.materials.iter().any(|m| by_material.get(*m) == Some(&true)))
-            .collect();
-        let any_transparent = transparent.contains(&true);
-        (emitters.is_some() || samples_environment).then_some(Self {
-            emitters,
-            samples_environment,
-            transparent,
-            any_transparent,
-        })
+        (emitters.is_some() || samples_environment).then_some(Self { emitters, samples_environment })
     }
 
     /// Probability to sample the environment rather than an emitter.
@@ -120,7 +126,7 @@ impl StaticLights {
             let radiance =
                 tracer.environment.radiance(tracer.scene, tracer.materials, direction, Lobe::Diffuse);
             let factor = factor / survival(on_film * factor * radiance, u[3] / share)?;
-            let through = self.transmittance(tracer, vertex, direction, Goal::Outside, scratch)?;
+            let through = tracer.transmittance_of(vertex, direction, Goal::Outside, scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
         let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]], tracer.scene, vertex.time());
@@ -137,77 +143,15 @@ impl StaticLights {
         let factor = tracer.weighted(vertex, direction, density, blockers.is_none())?;
         let factor = factor / survival(on_film * factor * target.brightness, (u[3] - share) / (1.0 - share))?;
         let goal = Goal::Emitter { triangle: (target.instance, target.triangle), links: blockers };
-        let through = self.transmittance(tracer, vertex, direction, goal, scratch)?;
+        let through = tracer.transmittance_of(vertex, direction, goal, scratch)?;
         Some(StaticSample::Emission(factor * through * scratch.emission()))
-    }
-
-    /// Share of light that comes straight from `goal` to `vertex`; nothing if something is in between. Leaves an emitter's
-    /// surface in `scratch`.
-    fn transmittance(
-        &self,
-        tracer: &mut ShadowTracer<'_>,
-        vertex: Vertex<'_>,
-        direction: Vec3,
-        goal: Goal<'_>,
-        scratch: &mut Surface,
-    ) -> Option<Vec3> {
-        let mut through = Vec3::ONE;
-        let catchers_only = tracer.catchers_only;
-        let mut ray = Ray { kind: RayKind::Shadow, catchers_only, ..vertex.ray(direction) };
-        let shadow = tracer.ray.shadow_from(vertex.position());
-        if let Some(media) = &mut tracer.media {
-            media.leave_vertex(vertex, direction);
-        }
-        let emitter = goal.triangle();
-        if emitter.is_none() && !self.any_transparent && tracer.media.is_none() {
-            return (!tracer.bvh.is_blocked(&ray)).then_some(through);
-        }
-        let mut passed = 0;
-        while passed <= tracer.transparent_left {
-            let hit = tracer.bvh.intersect(&ray);
-            if let Some(media) = &mut tracer.media {
-                through *= media.transmittance(&ray, hit.as_ref());
-                if through.max_element() <= 0.0 {
-                    return None;
-                }
-                if hit.is_some_and(|hit| media.pass_hull(&mut ray, &hit)) {
-                    continue;
-                }
-            }
-            let Some(hit) = hit else { return emitter.is_none().then_some(through) };
-            let met = (hit.instance, hit.primitive);
-            if emitter == Some(met) {
-                tracer.shade(&ray, &hit, tracer.ray.to_emitter(vertex.position()), scratch);
-                return Some(through);
-            }
-            let surface_point = if goal.ignores(tracer.scene, hit.instance) {
-                tracer.materials.surface_point(tracer.scene, &hit, ray.origin, ray.direction, 0.0)
-            } else {
-                if !self.transparent[hit.instance as usize] {
-                    return None;
-                }
-                let passed_ray = RayInfo { transparent_depth: shadow.transparent_depth + passed, ..shadow };
-                passed += 1;
-                let surface_point = tracer.shade(&ray, &hit, passed_ray, scratch);
-                through *= scratch.transparency();
-                if through.max_element() <= 0.0 {
-                    return None;
-                }
-                surface_point
-            };
-            if let Some(media) = &mut tracer.media {
-                media.cross(&hit, direction);
-            }
-            offset_origin(&mut ray, &surface_point);
-        }
-        None
     }
 }
 
 /// Where a shadow ray goes.
 #[derive(Clone, Copy)]
-enum Goal<'a> {
-    /// Out of the scene.
+pub(crate) enum Goal<'a> {
+    /// To the end of the ray, or out of the scene.
     Outside,
     /// To an instance's triangle that shines; links where not everything blocks its light.
     Emitter { triangle: (u32, u32), links: Option<&'a EmitterLinks> },
@@ -238,6 +182,7 @@ pub(crate) struct ShadowTracer<'a> {
     pub bvh: &'a SceneBvh,
     pub materials: &'a PreparedMaterials,
     pub environment: &'a EnvironmentLight,
+    pub see_through: &'a SeeThrough,
     /// The path's ray, which met the vertex.
     pub ray: RayInfo,
     /// The vertex's number for light linking.
@@ -253,6 +198,78 @@ pub(crate) struct ShadowTracer<'a> {
 }
 
 impl ShadowTracer<'_> {
+    /// [`Self::transmittance`] from a vertex.
+    fn transmittance_of(
+        &mut self,
+        vertex: Vertex<'_>,
+        direction: Vec3,
+        goal: Goal<'_>,
+        scratch: &mut Surface,
+    ) -> Option<Vec3> {
+        if let Some(media) = &mut self.media {
+            media.leave_vertex(vertex, direction);
+        }
+        let ray = Ray { kind: RayKind::Shadow, catchers_only: self.catchers_only, ..vertex.ray(direction) };
+        self.transmittance(ray, vertex.position(), goal, scratch)
+    }
+
+    /// Share of light that comes straight from `goal` to a vertex at `origin`, from where a shadow ray starts; nothing if something is
+    /// in between. Leaves an emitter's surface in `scratch`.
+    pub fn transmittance(
+        &mut self,
+        mut ray: Ray,
+        origin: Vec3,
+        goal: Goal<'_>,
+        scratch: &mut Surface,
+    ) -> Option<Vec3> {
+        let mut through = Vec3::ONE;
+        let emitter = goal.triangle();
+        if emitter.is_none() && !self.see_through.any && self.media.is_none() {
+            return (!self.bvh.is_blocked(&ray)).then_some(through);
+        }
+        let shadow = self.ray.shadow_from(origin);
+        let mut passed = 0;
+        while passed <= self.transparent_left {
+            let hit = self.bvh.intersect(&ray);
+            if let Some(media) = &mut self.media {
+                through *= media.transmittance(&ray, hit.as_ref());
+                if through.max_element() <= 0.0 {
+                    return None;
+                }
+                if hit.is_some_and(|hit| media.pass_hull(&mut ray, &hit)) {
+                    continue;
+                }
+            }
+            let Some(hit) = hit else { return emitter.is_none().then_some(through) };
+            let met = (hit.instance, hit.primitive);
+            if emitter == Some(met) {
+                self.shade(&ray, &hit, self.ray.to_emitter(origin), scratch);
+                return Some(through);
+            }
+            let surface_point = if goal.ignores(self.scene, hit.instance) {
+                self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, 0.0)
+            } else {
+                if !self.see_through.by_instance[hit.instance as usize] {
+                    return None;
+                }
+                let passed_ray = RayInfo { transparent_depth: shadow.transparent_depth + passed, ..shadow };
+                passed += 1;
+                let surface_point = self.shade(&ray, &hit, passed_ray, scratch);
+                through *= scratch.transparency();
+                if through.max_element() <= 0.0 {
+                    return None;
+                }
+                surface_point
+            };
+            if let Some(media) = &mut self.media {
+                media.cross(&hit, ray.direction);
+            }
+            ray.t_max -= hit.distance;
+            offset_origin(&mut ray, &surface_point);
+        }
+        None
+    }
+
     fn shade(&self, ray: &Ray, hit: &Hit, info: RayInfo, surface: &mut Surface) -> SurfacePoint {
         let met = self.materials.surface_point(self.scene, hit, ray.origin, ray.direction, 0.0);
         let point = SurfacePoint { ray: info, ..met };

@@ -9,8 +9,10 @@ use relume_gpu::compare::StepTargets;
 use relume_gpu::{Gpu, GpuError};
 use relume_image::Image;
 use relume_scene::Light;
+use relume_trace::VertexLimits;
 
 use crate::device::compute::Compute;
+use crate::device::connections::{ConnectedScene, Connections};
 use crate::device::image::DeviceImage;
 use crate::device::layers::DeviceLayers;
 use crate::device::on_gpu::OnGpu;
@@ -18,9 +20,10 @@ use crate::device::sorting::Sorting;
 use crate::error::SessionError;
 use crate::progress::Monitor;
 
-/// A gather that the GPU does where there is one, else the CPU.
+/// A gather that the GPU does where there is one, else the CPU. Diffuse light is connected where the scene is at hand.
 pub(crate) struct DeviceGather {
     gather: Gather,
+    connections: Option<Connections>,
     pub(crate) on_gpu: OnGpu<GpuGather>,
     may_sort: AtomicBool,
     pub(crate) sorting: Sorting,
@@ -31,11 +34,17 @@ impl DeviceGather {
     pub fn new(gather: Gather) -> Self {
         Self {
             gather,
+            connections: None,
             on_gpu: OnGpu::default(),
             may_sort: false.into(),
             sorting: Sorting::default(),
             told_of_little_memory: Once::new(),
         }
+    }
+
+    /// Connects lights in the scene that the paths were traced in.
+    pub fn connect(&mut self, scene: &Arc<ConnectedScene>, limits: VertexLimits) {
+        self.connections = Some(Connections::new(Arc::clone(scene), self.gather.dump().manifest(), limits));
     }
 
     /// Allows sorting the copy on the GPU in the background after several relights, once nothing else needs the CPU.
@@ -61,7 +70,11 @@ impl DeviceGather {
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, split);
-        self.images(lights, split, compute, monitor, work, |image| image)
+        let add = |image: &mut Image, diffuse: &Image| {
+            image.add_scaled(diffuse, &[1.0; 3]);
+            Ok(())
+        };
+        self.images(lights, split, (compute, monitor), work, |image| image, add)
     }
 
     /// [`DeviceGather::unit_images`] that stay on the GPU where that makes them and has room. They are there when this returns.
@@ -82,30 +95,38 @@ impl DeviceGather {
                 images.into_iter().map(|image| Ok(DeviceImage::from_gpu(image)?)).collect()
             }
         };
-        self.images(lights, split, compute, monitor, work, DeviceImage::Cpu)
+        self.images(lights, split, (compute, monitor), work, DeviceImage::Cpu, DeviceImage::add)
     }
 
-    /// Unit images as the GPU or the CPU gives them.
+    /// Unit images as the GPU or the CPU gives them, with what is connected added.
     fn images<R>(
         &self,
         lights: &[Light],
         split: SampleSplit,
-        compute: &Compute,
-        monitor: &Monitor,
+        (compute, monitor): (&Compute, &Monitor),
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
         of_cpu: impl Fn(Image) -> R,
+        add: impl Fn(&mut R, &Image) -> Result<(), GpuError>,
     ) -> Result<Vec<R>, SessionError> {
-        let lights = self.gather.prepare_all(lights)?;
-        let work = |gather: &GpuGather| on_gpu(gather, &lights);
+        let connections = self.connections.as_ref().filter(|_| split == SampleSplit::All);
+        let connected = connections.map(|connections| connections.split(lights)).transpose()?;
+        let crossed = self.gather.prepare_all(connected.as_ref().map_or(lights, |split| &split.rest))?;
+        let work = |gather: &GpuGather| on_gpu(gather, &crossed);
         let images = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
         if images.is_some() && self.may_sort.load(Ordering::Relaxed) {
             self.sorting.relit(|| self.on_gpu.get());
         }
         let on_cpu = || {
             let (gather, split) = self.gather.split(split);
-            gather.unit_images(&lights, split).into_iter().map(of_cpu).collect()
+            gather.unit_images(&crossed, split).into_iter().map(of_cpu).collect()
         };
-        Ok(images.unwrap_or_else(on_cpu))
+        let mut images = images.unwrap_or_else(on_cpu);
+        if let (Some(connections), Some(split)) = (connections, connected) {
+            for (light, diffuse) in connections.unit_images(&self.gather, &split.emitters) {
+                add(&mut images[light], &diffuse)?;
+            }
+        }
+        Ok(images)
     }
 
     /// Light of a world in the picture.

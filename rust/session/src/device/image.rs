@@ -76,6 +76,15 @@ impl DeviceImage {
         Ok(())
     }
 
+    /// Adds an image of its size on the CPU, where it then is.
+    pub fn add(&mut self, other: &Image) -> Result<(), GpuError> {
+        self.move_to_cpu()?;
+        if let Self::Cpu(image) = self {
+            image.add_scaled(other, &[1.0; 3]);
+        }
+        Ok(())
+    }
+
     /// Moves by `share` towards another image of its size, which becomes `scale` times their difference. Both come to
     /// the CPU unless both are on the GPU.
     pub fn take_in(&mut self, other: &mut Self, share: f32, scale: f32) -> Result<(), GpuError> {

@@ -2,6 +2,7 @@ use crate::bake::features::camera;
 use crate::bake::guiding::{GuideCoverage, GuidingRecord};
 use crate::bake::world::{WorldAbout, WorldLayer, aovs_of, own_world};
 use crate::device::compute::Compute;
+use crate::device::connections::ConnectedScene;
 use crate::device::gather::DeviceGather;
 use crate::device::image::DeviceImage;
 use crate::device::proxies::DeviceProxies;
@@ -26,8 +27,9 @@ use relume_gather::{Environment, Gather, SampleSplit};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, Scene, Texture, World};
+use relume_trace::VertexLimits;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Turns lights into pictures of all paths, from a bake folder with dump and proxies, or from proxies alone. It keeps each
 /// light's unit image, so that another colour, strength or mute is only a new sum.
@@ -134,6 +136,25 @@ impl Relighter {
     pub fn on(self, compute: &Compute) -> Self {
         let denoise = Denoise::new(&self.film.features(&self.aovs), compute.gpu.as_deref());
         Self { denoise, compute: compute.clone(), ..self }
+    }
+
+    /// Connects lights in the scene of the bake from now on, where that can be: their diffuse light has less noise. The scene is not checked: it
+    /// has to be the one of the bake's hash.
+    ///
+    /// # Errors
+    /// If the scene is another one, or has too many triangles.
+    pub fn connect(&mut self, scene: Arc<Scene>, limits: VertexLimits) -> Result<(), SessionError> {
+        let Some(gather) = &mut self.gather else { return Ok(()) };
+        if let Some(connected) = ConnectedScene::of_bake(scene, gather.gather().dump().manifest())? {
+            gather.connect(&Arc::new(connected), limits);
+            self.forget_units();
+        }
+        Ok(())
+    }
+
+    /// Forgets the unit images that it knows.
+    pub fn forget_units(&mut self) {
+        self.units = Mutex::default();
     }
 
     /// The camera that was baked.

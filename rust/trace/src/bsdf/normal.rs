@@ -96,10 +96,15 @@ impl Terminator {
         if frequency > 1.0 && frequency.is_finite() { Self { frequency } } else { Self::default() }
     }
 
+    /// True if reflection ends at the horizon.
+    pub fn is_at_horizon(self) -> bool {
+        self.frequency == 1.0
+    }
+
     /// Factor on what is reflected along `wi` about `normal`: the cosine of the larger angle over that of the angle.
     #[inline]
     pub fn factor(self, normal: Vec3, wi: Vec3) -> f32 {
-        if self.frequency == 1.0 {
+        if self.is_at_horizon() {
             return 1.0;
         }
         let cos = normal.dot(wi).min(1.0);

@@ -61,7 +61,7 @@ pub struct Surface {
     pub(super) is_after_diffuse: bool,
     /// True if there is a [`Scatter::Subsurface`].
     pub(super) has_body: bool,
-    terminator: Terminator,
+    pub(super) terminator: Terminator,
     /// True if one of the closures is hair.
     scatters_around: bool,
     /// Scratch for the values of shader nodes.

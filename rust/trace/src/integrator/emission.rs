@@ -68,6 +68,7 @@ impl Integrator<'_> {
             bvh: &self.bvh,
             materials: &self.materials,
             environment: &self.environment,
+            see_through: &self.see_through,
             ray: path.ray_info(),
             receiver,
             cones,

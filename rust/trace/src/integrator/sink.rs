@@ -1,14 +1,21 @@
 use glam::Vec3;
 use relume_dump::{AovSample, Segment, TileSamples};
 
+use crate::connect::DiffuseVertex;
+
 /// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
 pub trait PathSink {
+    /// True if the AOVs hold light that the scene itself emits.
+    const WANTS_STATIC_LIGHT: bool = true;
+
     /// A path starts; at `camera_vertex`, or at the camera's position if that is the same for all paths.
     fn begin_path(&mut self, camera_vertex: Option<Vec3>);
     /// The path's next segment.
     fn push(&mut self, segment: Segment);
     /// The path has ended.
     fn end_path(&mut self, aovs: AovSample);
+    /// The path met a surface, which makes it a vertex that lights can be connected to if it reflects diffusely.
+    fn meet(&mut self, _vertex: impl FnOnce() -> Option<DiffuseVertex>) {}
 }
 
 impl PathSink for TileSamples {

@@ -1,0 +1,197 @@
+//! Error of the pictures of lights by crossings and by connection, on lights of several sizes, against an independent bake
+//! whose paths are guided towards them.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::Parser;
+use glam::Vec3;
+use relume_dump::{Dump, End, MemoryWriter};
+use relume_image::metrics::{Quality, quality};
+use relume_image::{BitDepth, Image, ViewTransform, write_png};
+use relume_proxy::Rng;
+use relume_scene::{Light, LightShape, Scene};
+use relume_session::trace::{Control, TraceSettings, Tracer, VertexLimits};
+use relume_session::{Method, Monitor, RelightOptions, Relighter, SceneFile};
+use serde::Serialize;
+
+/// Compares the estimators of a light's picture.
+#[derive(Parser, Debug)]
+#[command(name = "relume-estimators", version)]
+struct Args {
+    /// Scene file.
+    scene: PathBuf,
+    /// JSON file to write.
+    #[arg(long, short)]
+    out: PathBuf,
+    /// Sizes of lights by the diagonal of what the paths reach.
+    #[arg(long, value_delimiter = ',', default_values_t = [0.003, 0.01, 0.03, 0.1])]
+    sizes: Vec<f32>,
+    /// Lights of each size.
+    #[arg(long, default_value_t = 2)]
+    lights: usize,
+    /// Paths per pixel.
+    #[arg(long, value_delimiter = ',', default_values_t = [16, 64, 256, 512])]
+    samples: Vec<u32>,
+    /// Paths per pixel of the reference.
+    #[arg(long, default_value_t = 1024)]
+    reference: u32,
+    /// Folder for pictures of the first light of each size.
+    #[arg(long)]
+    pictures: Option<PathBuf>,
+    /// Seed of the lights.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Errors of one light's picture.
+#[derive(Serialize)]
+struct Measured {
+    scene: String,
+    width: usize,
+    light_type: &'static str,
+    light_size: f32,
+    estimator: &'static str,
+    denoised: bool,
+    samples: u32,
+    psnr: f64,
+    smape: f64,
+    ssim: f64,
+    flip: f64,
+    /// Mean of the picture over that of the reference.
+    mean: f64,
+    /// PSNR of two halves of the reference, denoised: how much of the error may be its own.
+    reference_psnr: f64,
+    seconds: f64,
+}
+
+fn main() -> Result<()> {
+    let args = Args::parse();
+    let file = SceneFile::read(&args.scene)?;
+    let scene = Arc::new(file.scene);
+    let name = args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let most = args.samples.iter().copied().max().unwrap_or(1);
+    let dump = traced(&scene, most, 1, Vec::new())?;
+    let mut records = Vec::new();
+    for size in &args.sizes {
+        for number in 0..args.lights {
+            let light = random_light(&dump, *size, args.seed + number as u64);
+            let reference = Reference::new(&scene, &light, args.reference)?;
+            for samples in &args.samples {
+                for estimator in ["crossings", "connection"] {
+                    let mut relighter = Relighter::from_dump(first_passes(&dump, *samples), Path::new("/nonexistent"))?;
+                    if estimator == "connection" {
+                        relighter.connect(Arc::clone(&scene), VertexLimits::default())?;
+                        // Vertices are traced once for all lights.
+                        unit_image(&relighter, &light, false)?;
+                        relighter.forget_units();
+                    }
+                    let start = Instant::now();
+                    let raw = unit_image(&relighter, &light, false)?;
+                    let seconds = start.elapsed().as_secs_f64();
+                    let clean = unit_image(&relighter, &light, true)?;
+                    for (denoised, image) in [(false, &raw), (true, &clean)] {
+                        let Quality { psnr, smape, ssim, flip } = quality(image, &reference.clean);
+                        let record = Measured {
+                            scene: name.clone(),
+                            width: image.width,
+                            light_type: "sphere",
+                            light_size: *size,
+                            estimator,
+                            denoised,
+                            samples: *samples,
+                            psnr,
+                            smape,
+                            ssim,
+                            flip,
+                            mean: mean(image) / mean(&reference.clean),
+                            reference_psnr: reference.psnr,
+                            seconds,
+                        };
+                        println!("{}", serde_json::to_string(&record)?);
+                        records.push(record);
+                    }
+                    if let Some(folder) = args.pictures.as_deref().filter(|_| number == 0) {
+                        std::fs::create_dir_all(folder)?;
+                        let exposure = relume_image::metrics::exposure(&reference.clean);
+                        for (kind, image) in [("raw", &raw), ("clean", &clean), ("reference", &reference.clean)] {
+                            let mut shown = Image::new(image.width, image.height, 3);
+                            shown.add_scaled(image, &[0.5 * exposure; 3]);
+                            let file = folder.join(format!("{name}_{size}_{samples}_{estimator}_{kind}.png"));
+                            write_png(&file, &shown, &ViewTransform::Standard, BitDepth::Eight)?;
+                        }
+                    }
+                }
+            }
+            std::fs::write(&args.out, serde_json::to_string_pretty(&records)?).context("write the records")?;
+        }
+    }
+    Ok(())
+}
+
+struct Reference {
+    clean: Image,
+    psnr: f64,
+}
+
+impl Reference {
+    fn new(scene: &Arc<Scene>, light: &Light, samples: u32) -> Result<Self> {
+        let half = |seed| -> Result<Image> {
+            let dump = traced(scene, samples / 2, seed, vec![light.clone()])?;
+            let mut relighter = Relighter::from_dump(dump, Path::new("/nonexistent"))?;
+            relighter.connect(Arc::clone(scene), VertexLimits { first: 64, later: 256 })?;
+            unit_image(&relighter, light, true)
+        };
+        let (mut clean, other) = (half(2)?, half(3)?);
+        let psnr = quality(&other, &clean).psnr;
+        clean.data.iter_mut().zip(&other.data).for_each(|(a, b)| *a = 0.5 * (*a + b));
+        Ok(Self { clean, psnr })
+    }
+}
+
+fn mean(image: &Image) -> f64 {
+    image.data.iter().map(|value| f64::from(*value)).sum::<f64>() / image.data.len() as f64
+}
+
+fn unit_image(relighter: &Relighter, light: &Light, denoise: bool) -> Result<Image> {
+    let options = RelightOptions { method: Method::Gather, denoise };
+    let relit = relighter.relight(std::slice::from_ref(light), &options, &Monitor::default())?;
+    Ok(relit.lights[0].image.clone())
+}
+
+fn traced(scene: &Scene, samples: u32, seed: u64, guide_targets: Vec<Light>) -> Result<Dump> {
+    let settings = TraceSettings { samples, seed, guide_targets, ..TraceSettings::default() };
+    let tracer = Tracer::new(scene, &settings)?;
+    let writer = MemoryWriter::new(tracer.manifest())?;
+    tracer.trace(&writer, &Control::default())?;
+    Ok(writer.snapshot())
+}
+
+fn first_passes(dump: &Dump, samples: u32) -> Dump {
+    let mut sum = 0;
+    let passes = dump.manifest().passes.iter().take_while(|pass| {
+        sum += pass.samples;
+        sum <= samples
+    });
+    dump.passes(0..passes.count())
+}
+
+/// A sphere somewhere on a random segment of the paths, of a size by the diagonal of the room that the paths reach.
+fn random_light(dump: &Dump, size: f32, seed: u64) -> Light {
+    let shards: Vec<_> = dump.shards().collect();
+    let (low, high) = shards.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), shard| {
+        (low.min(shard.grid().min), high.max(shard.grid().max))
+    });
+    let mut rng = Rng::stream(seed, 0x6573_7469, size.to_bits().into());
+    loop {
+        let shard = shards[(rng.next_f32() * shards.len() as f32) as usize];
+        let record = (rng.next_f32() * shard.throughput().len() as f32) as usize;
+        let Some(segment) = shard.segment(record) else { continue };
+        let End::Vertex(end) = segment.end else { continue };
+        let center = segment.origin.lerp(end, 0.2 + 0.6 * rng.next_f32());
+        let radius = size * low.distance(high) * 0.5;
+        return Light { name: "light".into(), ..Light::unit(LightShape::Sphere { center, radius }) };
+    }
+}

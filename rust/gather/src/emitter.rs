@@ -1,0 +1,124 @@
+//! Points on lights as seen from a point, for shadow rays.
+
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
+
+use glam::{Vec2, Vec3};
+use relume_dump::{Lobe, Manifest};
+use relume_scene::{Light, LightShape};
+
+use crate::GatherError;
+use crate::light::{Ball, FAR, Plane, PreparedLight, Profile};
+use crate::rules::with_rules;
+
+/// A light that is summed over diffuse vertices by points on it, not by crossings. Its size has no floor.
+#[derive(Clone, Debug)]
+pub struct Emitter(PreparedLight);
+
+/// A direction towards a light.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    /// Unit direction.
+    pub direction: Vec3,
+    /// Metres to the light; infinite for a sun.
+    pub distance: f32,
+    /// Radiance from there for a light of radiance 1, over the density of the direction, RGB.
+    pub radiance: Vec3,
+}
+
+impl Emitter {
+    /// A light for the vertices of a dump; none if it has to be summed over crossings: where its object is sheared, or something else
+    /// than the whole scene blocks it.
+    ///
+    /// # Errors
+    /// See [`PreparedLight::new`].
+    pub fn new(light: &Light, manifest: &Manifest) -> Result<Option<Self>, GatherError> {
+        if matches!(light.shape, LightShape::Sheared { .. }) || light.rules.blockers.is_some() {
+            return Ok(None);
+        }
+        Ok(Some(Self(PreparedLight::new(&with_rules(light, manifest), 0.0)?)))
+    }
+
+    /// Factor on its diffuse light on a receiver; 0 if that is not lit.
+    pub fn factor(&self, receiver: u16) -> f32 {
+        let is_lit = self.0.receivers.as_ref().is_none_or(|bits| bits[usize::from(receiver / 64)] >> (receiver % 64) & 1 != 0);
+        if is_lit { self.0.factors[Lobe::Diffuse as usize] } else { 0.0 }
+    }
+
+    /// A direction from a point to the light by two numbers in 0..1; nothing if none of its light comes that way. The surface there faces
+    /// `normal`, of unit length.
+    pub fn sample(&self, origin: Vec3, normal: Vec3, u: [f32; 2]) -> Option<LightSample> {
+        let (direction, density) = direction(&self.0.profile, origin, normal, u)?;
+        let (edge, distance, escapes) = match self.0.profile {
+            Profile::Sun { .. } => (direction * FAR, f32::INFINITY, true),
+            _ => {
+                let distance = self.0.profile.distance(origin, direction);
+                (direction * (2.0 * distance), distance, false)
+            }
+        };
+        let collected = self.0.profile.evaluate(origin, edge, escapes);
+        if !(collected > 0.0 && density > 0.0) {
+            return None;
+        }
+        let tint = self.0.map.as_ref().map_or(Vec3::ONE, |map| map.factor(origin, edge));
+        Some(LightSample { direction, distance, radiance: tint * (collected / density) })
+    }
+}
+
+/// A direction to a light, and its density by solid angle.
+fn direction(profile: &Profile, origin: Vec3, normal: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
+    match *profile {
+        Profile::Sphere(ball)
+        | Profile::Spot { ball, soft_falloff: false, .. }
+        | Profile::StretchedSpot { ball, soft_falloff: false, .. } => to_sphere(ball, origin, normal, u),
+        Profile::FacingDisk(ball) | Profile::Spot { ball, .. } | Profile::StretchedSpot { ball, .. } => {
+            let to_center = ball.center - origin;
+            let tan2 = ball.radius * ball.radius / to_center.length_squared();
+            let secant = (1.0 + tan2).sqrt();
+            Some(in_cone(to_center.try_normalize()?, tan2 / (secant * (secant + 1.0)), u))
+        }
+        Profile::Area { plane, .. } => to_plane(&plane, origin, u),
+        Profile::Sun { direction, chord2 } => Some(in_cone(direction, 0.5 * chord2, u)),
+        Profile::Sheared(_) => None,
+    }
+}
+
+/// A direction into the cone that holds a sphere; from inside of it, one by its cosine to the normal.
+fn to_sphere(ball: Ball, origin: Vec3, normal: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
+    let to_center = ball.center - origin;
+    let sine2 = ball.radius * ball.radius / to_center.length_squared();
+    if sine2 < 1.0 {
+        return Some(in_cone(to_center.normalize(), sine2 / (1.0 + (1.0 - sine2).sqrt()), u));
+    }
+    let cos = (1.0 - u[0]).sqrt();
+    Some((around(normal, cos, u[0].sqrt(), u[1]), cos * FRAC_1_PI))
+}
+
+/// A direction into a cone, uniform by solid angle; `height` is 1 less the cosine of its half angle.
+fn in_cone(axis: Vec3, height: f32, u: [f32; 2]) -> (Vec3, f32) {
+    let below = u[0] * height;
+    let sine = (below * (2.0 - below)).max(0.0).sqrt();
+    (around(axis, 1.0 - below, sine, u[1]), 1.0 / (TAU * height))
+}
+
+/// The direction of an angle to an axis, turned by a share of a full turn.
+fn around(axis: Vec3, cos: f32, sine: f32, turn: f32) -> Vec3 {
+    let (x, y) = axis.any_orthonormal_pair();
+    let (sin_turn, cos_turn) = (turn * TAU).sin_cos();
+    axis * cos + (x * cos_turn + y * sin_turn) * sine
+}
+
+/// A direction to a point that is uniform on an area.
+fn to_plane(plane: &Plane, origin: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
+    let [edge_u, edge_v] = [plane.inverse_u, plane.inverse_v].map(|inverse| inverse / inverse.length_squared());
+    let (place, share) = if plane.is_ellipse {
+        let radius = 0.5 * u[0].sqrt();
+        (Vec2::from_angle(u[1] * TAU) * radius, 0.25 * PI)
+    } else {
+        (Vec2::from(u) - 0.5, 1.0)
+    };
+    let towards = plane.center + edge_u * place.x + edge_v * place.y - origin;
+    let direction = towards.try_normalize()?;
+    let area = edge_u.length() * edge_v.length() * share;
+    let cos = -direction.dot(plane.normal);
+    (cos > 0.0).then(|| (direction, towards.length_squared() / (cos * area)))
+}

@@ -1,0 +1,175 @@
+//! Light by connection: shadow rays from vertices of light-free paths to points on a light.
+//!
+//! A segment that leaves a diffuse vertex crosses a small light seldom. What it collects on average has a closed form, though:
+//! the integral of reflectance, radiance and visibility over the light. So light of [`relume_dump::Lobe::Diffuse`] can be summed
+//! over vertices in place of crossings (next event estimation of paths that were traced before); all other lobes are summed over
+//! crossings. Both together have the same mean as crossings alone.
+
+mod start;
+mod vertex;
+
+use glam::Vec3;
+use relume_dump::{AovSample, Pass, Segment, TileRect};
+
+pub(crate) use self::start::ShadowStart;
+pub use self::vertex::DiffuseVertex;
+use crate::{
+    bsdf::Surface,
+    integrator::{PathScratch, PathSink},
+    render::Tracer,
+    sampler::PixelSampler,
+    static_light::{Goal, ShadowTracer},
+};
+
+/// Most vertices that are kept of a pixel. Where there are more, those that matter more are kept more often, and weigh as
+/// much more as they are kept seldom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VertexLimits {
+    /// Vertices before which nothing scattered the path: their light is direct.
+    pub first: usize,
+    /// All others.
+    pub later: usize,
+}
+
+impl Default for VertexLimits {
+    /// Enough shadow rays for soft shadows, and for indirect light that a denoiser makes smooth.
+    fn default() -> Self {
+        Self { first: 16, later: 32 }
+    }
+}
+
+/// Diffuse vertices of the paths of a tile.
+#[derive(Debug, Default)]
+pub struct TileVertices {
+    /// First vertex of each pixel, then the number of vertices.
+    offsets: Vec<usize>,
+    vertices: Vec<DiffuseVertex>,
+}
+
+impl TileVertices {
+    /// Vertices of a pixel, counted row by row. Their light adds up to the sum over the pixel's paths.
+    pub fn pixel(&self, pixel: usize) -> &[DiffuseVertex] {
+        &self.vertices[self.offsets[pixel]..self.offsets[pixel + 1]]
+    }
+
+    /// Memory that they take, bytes.
+    pub fn bytes(&self) -> usize {
+        let closures = self.vertices.iter().map(DiffuseVertex::bytes_of_closures).sum::<usize>();
+        size_of_val(self.offsets.as_slice()) + size_of_val(self.vertices.as_slice()) + closures
+    }
+}
+
+/// Memory that one thread reuses from shadow ray to shadow ray.
+#[derive(Debug, Default)]
+pub struct ConnectScratch {
+    surface: Surface,
+}
+
+/// Groups of the sampler that choose vertices.
+const CHOICE_GROUP: u32 = (1 << 26) + 1;
+
+impl Tracer<'_> {
+    /// True if lights of this scene can be connected: not through media yet, nor for the plates of shadow catchers.
+    pub fn connects(&self) -> bool {
+        self.integrator.media.is_none() && !self.integrator.catches
+    }
+
+    /// Diffuse vertices of the paths of a tile.
+    pub fn diffuse_vertices(
+        &self,
+        rect: TileRect,
+        pass: Pass,
+        limits: VertexLimits,
+        scratch: &mut PathScratch,
+    ) -> TileVertices {
+        let mut kept = TileVertices::default();
+        let mut met = MetVertices::default();
+        for y in rect.y..rect.y + rect.height {
+            for x in rect.x..rect.x + rect.width {
+                kept.offsets.push(kept.vertices.len());
+                met.vertices.clear();
+                self.trace_guided((x, y), pass, None, scratch, &mut met);
+                let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
+                let [first, later, ..] = sampler.draw(pass.first_sample, CHOICE_GROUP);
+                met.choose(true, limits.first, first, &mut kept);
+                met.choose(false, limits.later, later, &mut kept);
+            }
+        }
+        kept.offsets.push(kept.vertices.len());
+        kept
+    }
+
+    /// What light of radiance 1 per steradian adds to the pixel of a vertex from the unit direction `wi`, `distance` metres away
+    /// (infinite outside of the scene), RGB.
+    pub fn connect(
+        &self,
+        vertex: &DiffuseVertex,
+        wi: Vec3,
+        distance: f32,
+        scratch: &mut ConnectScratch,
+    ) -> Vec3 {
+        let Some((reflected, mut ray)) = vertex.reflect(wi) else { return Vec3::ZERO };
+        ray.t_max = distance;
+        let integrator = &self.integrator;
+        let mut tracer = ShadowTracer {
+            scene: integrator.scene,
+            bvh: &integrator.bvh,
+            materials: &integrator.materials,
+            environment: &integrator.environment,
+            see_through: &integrator.see_through,
+            ray: vertex.ray_info(),
+            receiver: vertex.receiver,
+            cones: None,
+            transparent_left: u32::from(vertex.start.transparent_left),
+            catchers_only: false,
+            media: None,
+        };
+        let through = tracer.transmittance(ray, vertex.position, Goal::Outside, &mut scratch.surface);
+        through.map_or(Vec3::ZERO, |through| reflected * through)
+    }
+}
+
+/// Vertices of a pixel as its paths meet them.
+#[derive(Debug, Default)]
+struct MetVertices {
+    vertices: Vec<DiffuseVertex>,
+    importance: Vec<f32>,
+}
+
+impl MetVertices {
+    /// Keeps at most `limit` of the vertices that are, or are not, the first of their paths, by systematic sampling of their
+    /// importance. The number `u` is in 0..1.
+    fn choose(&mut self, is_first: bool, limit: usize, u: f32, kept: &mut TileVertices) {
+        let group = || self.vertices.iter().filter(|vertex| vertex.is_first == is_first);
+        self.importance.clear();
+        self.importance.extend(group().map(DiffuseVertex::importance));
+        if self.importance.len() <= limit {
+            kept.vertices.extend(group().cloned());
+            return;
+        }
+        let step = self.importance.iter().sum::<f32>() / limit as f32;
+        let (mut sum, mut next) = (0.0, u * step);
+        for (vertex, importance) in group().zip(&self.importance) {
+            sum += importance;
+            let times = ((sum - next) / step).ceil().max(0.0);
+            if times > 0.0 {
+                next += times * step;
+                kept.vertices.push(vertex.scaled(times * step / importance));
+            }
+        }
+    }
+}
+
+impl PathSink for MetVertices {
+    const WANTS_STATIC_LIGHT: bool = false;
+
+    fn begin_path(&mut self, _camera_vertex: Option<Vec3>) {}
+
+    fn push(&mut self, _segment: Segment) {}
+
+    fn end_path(&mut self, _aovs: AovSample) {}
+
+    fn meet(&mut self, vertex: impl FnOnce() -> Option<DiffuseVertex>) {
+        self.vertices.extend(vertex());
+    }
+}

@@ -1,0 +1,31 @@
+//! Vertices that lights can be connected to.
+
+use relume_dump::Sight;
+
+use super::Integrator;
+use crate::{
+    bsdf::Surface,
+    connect::{DiffuseVertex, ShadowStart},
+    path::PathState,
+    shading::SurfacePoint,
+};
+
+impl Integrator<'_> {
+    /// The vertex of a path on a surface, if that reflects diffusely and lights count there.
+    pub(super) fn diffuse_vertex(
+        &self,
+        path: &PathState,
+        point: &SurfacePoint,
+        surface: &Surface,
+    ) -> Option<DiffuseVertex> {
+        let (limits, ray) = (&self.settings.bounces, path.ray_info());
+        if ray.transparent_depth > limits.transparent {
+            return None;
+        }
+        let class = self.classes.as_ref().map_or(0, |classes| classes.offset(Sight::Shadow, ray.depth));
+        let receiver = self.scene.instances[point.instance as usize].receiver + class;
+        let start = ShadowStart::new(self.scene, &self.materials, limits, path, point);
+        let throughput = path.throughput * self.settings.film_exposure;
+        DiffuseVertex::new((point, surface), throughput, receiver, ray.depth == 0, start)
+    }
+}
