@@ -39,7 +39,8 @@ pub use dump::{AovSums, Aovs, Dump};
 pub use error::DumpError;
 pub use manifest::{FORMAT_VERSION, Manifest, Pass, TileRect};
 pub use packing::{
-    Flags, Grid, RECEIVER_LIMIT, RGB9E5_MAX, decode_direction, decode_rgb9e5, encode_direction, encode_rgb9e5,
+    Flags, Grid, RECEIVER_LIMIT, RGB9E5_MAX, decode_direction, decode_rgb9e5, dither, encode_direction,
+    encode_rgb9e5,
 };
 pub use samples::{AOV_CHANNELS, AovSample, TileSamples, aov_channel};
 pub use segment::{End, Lobe, Segment};

@@ -40,7 +40,11 @@ impl Emitter {
 
     /// Factor on its diffuse light on a receiver; 0 if that is not lit.
     pub fn factor(&self, receiver: u16) -> f32 {
-        let is_lit = self.0.receivers.as_ref().is_none_or(|bits| bits[usize::from(receiver / 64)] >> (receiver % 64) & 1 != 0);
+        let is_lit = self
+            .0
+            .receivers
+            .as_ref()
+            .is_none_or(|bits| bits[usize::from(receiver / 64)] >> (receiver % 64) & 1 != 0);
         if is_lit { self.0.factors[Lobe::Diffuse as usize] } else { 0.0 }
     }
 
@@ -109,7 +113,8 @@ fn around(axis: Vec3, cos: f32, sine: f32, turn: f32) -> Vec3 {
 
 /// A direction to a point that is uniform on an area.
 fn to_plane(plane: &Plane, origin: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
-    let [edge_u, edge_v] = [plane.inverse_u, plane.inverse_v].map(|inverse| inverse / inverse.length_squared());
+    let [edge_u, edge_v] =
+        [plane.inverse_u, plane.inverse_v].map(|inverse| inverse / inverse.length_squared());
     let (place, share) = if plane.is_ellipse {
         let radius = 0.5 * u[0].sqrt();
         (Vec2::from_angle(u[1] * TAU) * radius, 0.25 * PI)

@@ -13,7 +13,7 @@ use relume_image::metrics::{Quality, quality};
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_proxy::Rng;
 use relume_scene::{Light, LightShape, Scene};
-use relume_session::trace::{Control, TraceSettings, Tracer, VertexLimits};
+use relume_session::trace::{Control, TraceSettings, Tracer};
 use relume_session::{Method, Monitor, RelightOptions, Relighter, SceneFile};
 use serde::Serialize;
 
@@ -81,9 +81,10 @@ fn main() -> Result<()> {
             let reference = Reference::new(&scene, &light, args.reference)?;
             for samples in &args.samples {
                 for estimator in ["crossings", "connection"] {
-                    let mut relighter = Relighter::from_dump(first_passes(&dump, *samples), Path::new("/nonexistent"))?;
+                    let mut relighter =
+                        Relighter::from_dump(first_passes(&dump, *samples), Path::new("/nonexistent"))?;
                     if estimator == "connection" {
-                        relighter.connect(Arc::clone(&scene), VertexLimits::default())?;
+                        relighter.connect(Arc::clone(&scene))?;
                         // Vertices are traced once for all lights.
                         unit_image(&relighter, &light, false)?;
                         relighter.forget_units();
@@ -116,7 +117,9 @@ fn main() -> Result<()> {
                     if let Some(folder) = args.pictures.as_deref().filter(|_| number == 0) {
                         std::fs::create_dir_all(folder)?;
                         let exposure = relume_image::metrics::exposure(&reference.clean);
-                        for (kind, image) in [("raw", &raw), ("clean", &clean), ("reference", &reference.clean)] {
+                        for (kind, image) in
+                            [("raw", &raw), ("clean", &clean), ("reference", &reference.clean)]
+                        {
                             let mut shown = Image::new(image.width, image.height, 3);
                             shown.add_scaled(image, &[0.5 * exposure; 3]);
                             let file = folder.join(format!("{name}_{size}_{samples}_{estimator}_{kind}.png"));
@@ -125,7 +128,8 @@ fn main() -> Result<()> {
                     }
                 }
             }
-            std::fs::write(&args.out, serde_json::to_string_pretty(&records)?).context("write the records")?;
+            std::fs::write(&args.out, serde_json::to_string_pretty(&records)?)
+                .context("write the records")?;
         }
     }
     Ok(())
@@ -141,7 +145,7 @@ impl Reference {
         let half = |seed| -> Result<Image> {
             let dump = traced(scene, samples / 2, seed, vec![light.clone()])?;
             let mut relighter = Relighter::from_dump(dump, Path::new("/nonexistent"))?;
-            relighter.connect(Arc::clone(scene), VertexLimits { first: 64, later: 256 })?;
+            relighter.connect(Arc::clone(scene))?;
             unit_image(&relighter, light, true)
         };
         let (mut clean, other) = (half(2)?, half(3)?);

@@ -9,10 +9,9 @@ use relume_gpu::compare::StepTargets;
 use relume_gpu::{Gpu, GpuError};
 use relume_image::Image;
 use relume_scene::Light;
-use relume_trace::VertexLimits;
 
 use crate::device::compute::Compute;
-use crate::device::connections::{ConnectedScene, Connections};
+use crate::device::connections::Connections;
 use crate::device::image::DeviceImage;
 use crate::device::layers::DeviceLayers;
 use crate::device::on_gpu::OnGpu;
@@ -23,7 +22,8 @@ use crate::progress::Monitor;
 /// A gather that the GPU does where there is one, else the CPU. Diffuse light is connected where the scene is at hand.
 pub(crate) struct DeviceGather {
     gather: Gather,
-    connections: Option<Connections>,
+    /// Connections, and the number of their levels that count.
+    connections: Option<(Arc<Connections>, usize)>,
     pub(crate) on_gpu: OnGpu<GpuGather>,
     may_sort: AtomicBool,
     pub(crate) sorting: Sorting,
@@ -42,9 +42,9 @@ impl DeviceGather {
         }
     }
 
-    /// Connects lights in the scene that the paths were traced in.
-    pub fn connect(&mut self, scene: &Arc<ConnectedScene>, limits: VertexLimits) {
-        self.connections = Some(Connections::new(Arc::clone(scene), self.gather.dump().manifest(), limits));
+    /// Connects lights from now on, by so many levels.
+    pub fn connect(&mut self, connections: &Arc<Connections>, levels: usize) {
+        self.connections = Some((Arc::clone(connections), levels));
     }
 
     /// Allows sorting the copy on the GPU in the background after several relights, once nothing else needs the CPU.
@@ -109,7 +109,7 @@ impl DeviceGather {
         add: impl Fn(&mut R, &Image) -> Result<(), GpuError>,
     ) -> Result<Vec<R>, SessionError> {
         let connections = self.connections.as_ref().filter(|_| split == SampleSplit::All);
-        let connected = connections.map(|connections| connections.split(lights)).transpose()?;
+        let connected = connections.map(|(connections, _)| connections.split(lights)).transpose()?;
         let crossed = self.gather.prepare_all(connected.as_ref().map_or(lights, |split| &split.rest))?;
         let work = |gather: &GpuGather| on_gpu(gather, &crossed);
         let images = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
@@ -121,8 +121,8 @@ impl DeviceGather {
             gather.unit_images(&crossed, split).into_iter().map(of_cpu).collect()
         };
         let mut images = images.unwrap_or_else(on_cpu);
-        if let (Some(connections), Some(split)) = (connections, connected) {
-            for (light, diffuse) in connections.unit_images(&self.gather, &split.emitters) {
+        if let (Some((connections, levels)), Some(split)) = (connections, connected) {
+            for (light, diffuse) in connections.unit_images(&self.gather, lights, &split.emitters, *levels) {
                 add(&mut images[light], &diffuse)?;
             }
         }

@@ -2,7 +2,7 @@ use crate::bake::features::camera;
 use crate::bake::guiding::{GuideCoverage, GuidingRecord};
 use crate::bake::world::{WorldAbout, WorldLayer, aovs_of, own_world};
 use crate::device::compute::Compute;
-use crate::device::connections::ConnectedScene;
+use crate::device::connections::Connections;
 use crate::device::gather::DeviceGather;
 use crate::device::image::DeviceImage;
 use crate::device::proxies::DeviceProxies;
@@ -27,7 +27,6 @@ use relume_gather::{Environment, Gather, SampleSplit};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, Scene, Texture, World};
-use relume_trace::VertexLimits;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -138,15 +137,15 @@ impl Relighter {
         Self { denoise, compute: compute.clone(), ..self }
     }
 
-    /// Connects lights in the scene of the bake from now on, where that can be: their diffuse light has less noise. The scene is not checked: it
-    /// has to be the one of the bake's hash.
+    /// Connects lights in the scene of the bake from now on, where that can be: their diffuse light has much less noise.
     ///
     /// # Errors
-    /// If the scene is another one, or has too many triangles.
-    pub fn connect(&mut self, scene: Arc<Scene>, limits: VertexLimits) -> Result<(), SessionError> {
+    /// If the scene is not that of the bake, or has too many triangles.
+    pub fn connect(&mut self, scene: Arc<Scene>) -> Result<(), SessionError> {
         let Some(gather) = &mut self.gather else { return Ok(()) };
-        if let Some(connected) = ConnectedScene::of_bake(scene, gather.gather().dump().manifest())? {
-            gather.connect(&Arc::new(connected), limits);
+        if let Some(connections) = Connections::new(scene, gather.gather().dump().manifest())? {
+            let levels = connections.levels();
+            gather.connect(&Arc::new(connections), levels);
             self.forget_units();
         }
         Ok(())

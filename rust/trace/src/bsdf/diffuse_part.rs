@@ -61,7 +61,10 @@ impl Surface {
         let is_lambert =
             |closure: &Closure| matches!(closure.scatter, Scatter::Diffuse) && closure.normal == normal;
         if self.terminator.is_at_horizon() && closures.clone().all(is_lambert) {
-            return Some(DiffusePart::Lambert { weight: closures.map(|closure| closure.weight).sum(), normal });
+            return Some(DiffusePart::Lambert {
+                weight: closures.map(|closure| closure.weight).sum(),
+                normal,
+            });
         }
         Some(DiffusePart::Closures(DiffuseClosures {
             closures: closures.by_ref().copied().collect(),

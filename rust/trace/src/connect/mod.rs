@@ -5,13 +5,11 @@
 //! over vertices in place of crossings (next event estimation of paths that were traced before); all other lobes are summed over
 //! crossings. Both together have the same mean as crossings alone.
 
-mod start;
 mod vertex;
 
 use glam::Vec3;
 use relume_dump::{AovSample, Pass, Segment, TileRect};
 
-pub(crate) use self::start::ShadowStart;
 pub use self::vertex::DiffuseVertex;
 use crate::{
     bsdf::Surface,
@@ -54,7 +52,7 @@ impl TileVertices {
 
     /// Memory that they take, bytes.
     pub fn bytes(&self) -> usize {
-        let closures = self.vertices.iter().map(DiffuseVertex::bytes_of_closures).sum::<usize>();
+        let closures = self.vertices.iter().map(DiffuseVertex::more_bytes).sum::<usize>();
         size_of_val(self.offsets.as_slice()) + size_of_val(self.vertices.as_slice()) + closures
     }
 }
@@ -118,9 +116,9 @@ impl Tracer<'_> {
             environment: &integrator.environment,
             see_through: &integrator.see_through,
             ray: vertex.ray_info(),
-            receiver: vertex.receiver,
+            receiver: vertex.receiver(),
             cones: None,
-            transparent_left: u32::from(vertex.start.transparent_left),
+            transparent_left: vertex.transparent_left(),
             catchers_only: false,
             media: None,
         };
@@ -140,7 +138,7 @@ impl MetVertices {
     /// Keeps at most `limit` of the vertices that are, or are not, the first of their paths, by systematic sampling of their
     /// importance. The number `u` is in 0..1.
     fn choose(&mut self, is_first: bool, limit: usize, u: f32, kept: &mut TileVertices) {
-        let group = || self.vertices.iter().filter(|vertex| vertex.is_first == is_first);
+        let group = || self.vertices.iter().filter(|vertex| vertex.is_first() == is_first);
         self.importance.clear();
         self.importance.extend(group().map(DiffuseVertex::importance));
         if self.importance.len() <= limit {

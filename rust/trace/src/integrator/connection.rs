@@ -3,12 +3,7 @@
 use relume_dump::Sight;
 
 use super::Integrator;
-use crate::{
-    bsdf::Surface,
-    connect::{DiffuseVertex, ShadowStart},
-    path::PathState,
-    shading::SurfacePoint,
-};
+use crate::{bsdf::Surface, connect::DiffuseVertex, path::PathState, shading::SurfacePoint};
 
 impl Integrator<'_> {
     /// The vertex of a path on a surface, if that reflects diffusely and lights count there.
@@ -24,8 +19,8 @@ impl Integrator<'_> {
         }
         let class = self.classes.as_ref().map_or(0, |classes| classes.offset(Sight::Shadow, ray.depth));
         let receiver = self.scene.instances[point.instance as usize].receiver + class;
-        let start = ShadowStart::new(self.scene, &self.materials, limits, path, point);
-        let throughput = path.throughput * self.settings.film_exposure;
-        DiffuseVertex::new((point, surface), throughput, receiver, ray.depth == 0, start)
+        let weight = path.throughput * self.settings.film_exposure;
+        let parts = (self.scene, &self.materials);
+        DiffuseVertex::new(parts, limits, path, (weight, receiver), (point, surface))
     }
 }
