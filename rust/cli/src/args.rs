@@ -157,6 +157,9 @@ pub struct PictureArgs {
     /// Equirectangular EXR or PNG as another world than the baked one.
     #[arg(long)]
     pub environment: Option<PathBuf>,
+    /// Scene file of the bake: lights, small ones above all, have much less noise with it.
+    #[arg(long)]
+    pub scene: Option<PathBuf>,
     /// Do not denoise what is gathered.
     #[arg(long)]
     pub no_denoise: bool,

@@ -26,16 +26,19 @@ pub struct LightSample {
 }
 
 impl Emitter {
-    /// A light for the vertices of a dump; none if it has to be summed over crossings: where its object is sheared, or something else
-    /// than the whole scene blocks it.
+    /// True if a light has diffuse light that need not be summed over crossings. Where its object is sheared, or something else than the
+    /// whole scene blocks it, all of it is.
+    pub fn covers(light: &Light) -> bool {
+        let is_sheared = matches!(light.shape, LightShape::Sheared { .. });
+        light.lobes.diffuse != 0.0 && !is_sheared && light.rules.blockers.is_none()
+    }
+
+    /// A light for the vertices of a dump's paths.
     ///
     /// # Errors
     /// See [`PreparedLight::new`].
-    pub fn new(light: &Light, manifest: &Manifest) -> Result<Option<Self>, GatherError> {
-        if matches!(light.shape, LightShape::Sheared { .. }) || light.rules.blockers.is_some() {
-            return Ok(None);
-        }
-        Ok(Some(Self(PreparedLight::new(&with_rules(light, manifest), 0.0)?)))
+    pub fn new(light: &Light, manifest: &Manifest) -> Result<Self, GatherError> {
+        Ok(Self(PreparedLight::new(&with_rules(light, manifest), 0.0)?))
     }
 
     /// Factor on its diffuse light on a receiver; 0 if that is not lit.

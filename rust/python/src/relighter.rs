@@ -37,6 +37,9 @@ impl PyRelighter {
             let mut relighter = Relighter::open(&folder)?.on(&device.open(gpu_memory)?);
             if let Some(scene) = scene {
                 relighter.show_world_of(&scene, &Monitor::default())?;
+                if relighter.is_of(&scene) {
+                    relighter.connect(scene)?;
+                }
             }
             Ok(relighter)
         })?;

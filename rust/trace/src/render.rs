@@ -109,6 +109,11 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// If the scene has too many triangles.
     pub fn new(scene: &'a Scene, settings: &TraceSettings) -> Result<Self, TraceError> {
+        Ok(Self::with_bvh(scene, settings, SceneBvh::new(scene)?))
+    }
+
+    /// [`Tracer::new`] with the trees that another tracer of the scene has built ([`Tracer::bvh`]).
+    pub fn with_bvh(scene: &'a Scene, settings: &TraceSettings, bvh: SceneBvh) -> Self {
         let (materials, mut warnings) = PreparedMaterials::new(scene);
         let environment = EnvironmentLight::new(scene, world_color(scene, settings), &materials);
         let paths = settings.paths.clone();
@@ -126,7 +131,7 @@ impl<'a> Tracer<'a> {
         let integrator = Integrator {
             scene,
             media,
-            bvh: SceneBvh::new(scene)?,
+            bvh,
             camera: CameraSampler::new(&scene.camera, paths.filter),
             materials,
             environment,
@@ -138,7 +143,12 @@ impl<'a> Tracer<'a> {
             settings: paths,
         };
         let guide = Guide::new(&guide_targets(scene, settings), settings.guiding);
-        Ok(Self { integrator, guide, settings: settings.clone(), warnings })
+        Self { integrator, guide, settings: settings.clone(), warnings }
+    }
+
+    /// The trees, which copies share.
+    pub fn bvh(&self) -> &SceneBvh {
+        &self.integrator.bvh
     }
 
     /// Warnings for the user about parts of materials that could not be represented.

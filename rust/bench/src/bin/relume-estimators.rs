@@ -78,6 +78,7 @@ fn main() -> Result<()> {
     for size in &args.sizes {
         for number in 0..args.lights {
             let light = random_light(&dump, *size, args.seed + number as u64);
+            let elsewhere = random_light(&dump, *size, args.seed + 1000);
             let reference = Reference::new(&scene, &light, args.reference)?;
             for samples in &args.samples {
                 for estimator in ["crossings", "connection"] {
@@ -85,10 +86,9 @@ fn main() -> Result<()> {
                         Relighter::from_dump(first_passes(&dump, *samples), Path::new("/nonexistent"))?;
                     if estimator == "connection" {
                         relighter.connect(Arc::clone(&scene))?;
-                        // Vertices are traced once for all lights.
-                        unit_image(&relighter, &light, false)?;
-                        relighter.forget_units();
                     }
+                    // Vertices are traced once for all lights.
+                    unit_image(&relighter, &elsewhere, false)?;
                     let start = Instant::now();
                     let raw = unit_image(&relighter, &light, false)?;
                     let seconds = start.elapsed().as_secs_f64();

@@ -3,9 +3,12 @@ use super::out_file::check_out;
 use crate::args::{self, GatherArgs, PictureArgs, RelightArgs};
 use relume_session::image::{BitDepth, Precision, ViewTransform};
 use relume_session::scene::World;
-use relume_session::{LightSet, Method, RelightOptions, Relighter, Stage, UnitSource, environment_texture};
+use relume_session::{
+    LightSet, Method, RelightOptions, Relighter, SceneFile, Stage, UnitSource, environment_texture,
+};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 #[derive(Serialize)]
 struct Written {
@@ -46,6 +49,9 @@ fn write_picture(
     let mut relighter = context.relighter(bake, &context.compute()?)?;
     warn_if_unfinished(&relighter, context);
     change_world(&mut relighter, args, context)?;
+    if let Some(path) = &args.scene {
+        relighter.connect(Arc::new(SceneFile::read(path)?.scene))?;
+    }
     let view = match &args.view {
         Some(path) => ViewTransform::read_lut(path)?,
         None => relighter.view(context.monitor),

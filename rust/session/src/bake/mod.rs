@@ -56,7 +56,7 @@ pub fn bake(
     monitor: &Monitor,
 ) -> Result<BakeReport, SessionError> {
     let lights = || guide_targets(scene, settings);
-    let observer = Observer { samples: settings.samples, lights: &lights, passes: &|_| {} };
+    let observer = Observer { samples: settings.samples, lights: &lights, prepared: None, passes: &|_| {} };
     bake_observed(scene, settings, folder, resume, monitor, &observer)
 }
 
@@ -91,6 +91,8 @@ pub(crate) struct Observer<'a> {
     pub samples: u32,
     /// Lights that the paths of the next pass are guided towards.
     pub lights: &'a (dyn Fn() -> Vec<Light> + Sync),
+    /// Receives the scene as it is made ready.
+    pub prepared: Option<&'a dyn Fn(&Tracer<'_>)>,
     /// Receives all whole passes whenever there is one more, from the first on.
     pub passes: &'a (dyn Fn(Dump) + Sync),
 }
@@ -111,6 +113,9 @@ pub(crate) fn bake_observed(
     if let Some(dump) = if resume { of_another_world(scene, settings, folder)? } else { None } {
         write_lights(&lights, folder)?;
         (observer.passes)(dump.clone());
+        if let Some(observe) = observer.prepared {
+            observe(&Tracer::new(scene, settings)?);
+        }
         return Ok(report(&dump, start, scene.warnings.clone()));
     }
     let prepare = monitor.stage(Stage::Prepare, 0, 1);
@@ -120,6 +125,7 @@ pub(crate) fn bake_observed(
     let world_color = baked.map(|baked| baked.world_color).or(settings.world_color);
     let tracer = Tracer::new(scene, &TraceSettings { world_color, ..settings.clone() })?;
     prepare.advance(1, "");
+    observer.prepared.iter().for_each(|observe| observe(&tracer));
     let warnings: Vec<String> = scene.warnings.iter().chain(tracer.warnings()).cloned().collect();
     warnings.iter().for_each(|warning| monitor.warn(warning));
 
@@ -391,7 +397,7 @@ mod tests {
         for (there, samples) in [(0, 2), (2, 8)] {
             traced.0.lock().unwrap().clear();
             let settings = TraceSettings { samples, threads: 1, ..TraceSettings::default() };
-            let observer = Observer { samples: 8, lights: &Vec::new, passes: &|_| {} };
+            let observer = Observer { samples: 8, lights: &Vec::new, prepared: None, passes: &|_| {} };
             bake_observed(&scene, &settings, folder.path(), true, &monitor, &observer).unwrap();
             let reports = traced.0.lock().unwrap();
             assert!(reports.iter().all(|report| report.done >= there * 64));

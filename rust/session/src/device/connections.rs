@@ -1,12 +1,13 @@
 //! Lights connected to the vertices of light-free paths, where the scene of a bake is at hand.
 
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use rayon::prelude::*;
 use relume_dump::{Manifest, Pass};
 use relume_gather::{Emitter, Gather, GatherError};
 use relume_image::Image;
 use relume_scene::{Light, Scene};
+use relume_trace::bvh::SceneBvh;
 use relume_trace::sampler::PixelSampler;
 use relume_trace::{
     ConnectScratch, DiffuseVertex, PathScratch, TileVertices, TraceSettings, Tracer, VertexLimits,
@@ -31,7 +32,7 @@ pub(crate) struct Connections {
     tracer: OwnedTracer,
     manifest: Manifest,
     levels: Vec<Level>,
-    images: Mutex<LightCache<Connected>>,
+    images: Mutex<LightCache<Option<Arc<ConnectedImage>>>>,
 }
 
 struct Level {
@@ -40,13 +41,14 @@ struct Level {
     tiles: Vec<OnceLock<TileVertices>>,
 }
 
-/// Diffuse light of one light.
-#[derive(Clone, Default)]
-struct Connected {
+/// Diffuse part of a light's unit image.
+pub(crate) struct ConnectedImage {
     levels: usize,
-    /// Paths per pixel behind the image.
+    /// Paths per pixel behind it.
     paths: u32,
-    image: Image,
+    pub image: Image,
+    /// Draw of its error; empty for a single level.
+    pub error: Image,
 }
 
 /// Lights, each divided into what is connected and what is summed over crossings.
@@ -69,11 +71,16 @@ const LATER: u32 = 2;
 const IMAGE_MEMORY: usize = 1 << 28;
 
 impl Connections {
-    /// Makes the scene of a bake ready; none if its lights have to be summed over crossings alone.
+    /// Makes the scene of a bake ready, whose trees may be there already; none if its lights have to be summed over crossings
+    /// alone.
     ///
     /// # Errors
     /// If the scene is not that of the bake, or has too many triangles.
-    pub fn new(scene: Arc<Scene>, manifest: &Manifest) -> Result<Option<Self>, SessionError> {
+    pub fn new(
+        scene: Arc<Scene>,
+        manifest: &Manifest,
+        bvh: Option<SceneBvh>,
+    ) -> Result<Option<Self>, SessionError> {
         let fail = |reason: &str| {
             let text = format!(
                 "the scene is not the one that was baked: {reason}; lights have more noise without it"
@@ -87,7 +94,10 @@ impl Connections {
             return fail("its settings are of another version of Relume");
         };
         let settings = TraceSettings { paths, seed: manifest.seed, ..TraceSettings::default() };
-        let tracer = OwnedTracer::try_new(scene, |scene| Tracer::new(scene, &settings))?;
+        let tracer = OwnedTracer::try_new(scene, |scene| match bvh {
+            Some(bvh) => Ok(Tracer::with_bvh(scene, &settings, bvh)),
+            None => Tracer::new(scene, &settings),
+        })?;
         if !tracer.borrow_dependent().connects() {
             return Ok(None);
         }
@@ -95,9 +105,9 @@ impl Connections {
         Ok(Some(Self { tracer, manifest, levels, images: Mutex::default() }))
     }
 
-    /// Number of levels.
-    pub fn levels(&self) -> usize {
-        self.levels.len()
+    /// True if the scene is that of a bake.
+    pub fn is_of(&self, manifest: &Manifest) -> bool {
+        self.manifest.scene_hash == manifest.scene_hash && self.manifest.seed == manifest.seed
     }
 
     /// Divides lights into what is connected and what is not.
@@ -106,54 +116,53 @@ impl Connections {
     /// If a light is none: see [`relume_gather::PreparedLight::new`].
     pub fn split(&self, lights: &[Light]) -> Result<SplitLights, GatherError> {
         let mut split = SplitLights { emitters: Vec::new(), rest: lights.to_vec() };
-        let diffuse = |(_, light): &(usize, &mut Light)| light.lobes.diffuse != 0.0;
-        for (number, rest) in split.rest.iter_mut().enumerate().filter(diffuse) {
-            if let Some(emitter) = Emitter::new(rest, &self.manifest)? {
-                rest.lobes.diffuse = 0.0;
-                split.emitters.push((number, emitter));
-            }
+        for (number, rest) in split.rest.iter_mut().enumerate().filter(|(_, light)| Emitter::covers(light)) {
+            split.emitters.push((number, Emitter::new(rest, &self.manifest)?));
+            rest.lobes.diffuse = 0.0;
         }
         Ok(split)
     }
 
-    /// Diffuse part of the unit images of those of `lights` that are connected, by their number, from so many levels or more.
+    /// Diffuse parts of the unit images of those of `lights` that are connected, by their number, from so many levels or more.
     /// `gather` is of the same bake.
-    pub fn unit_images(
+    pub fn images(
         &self,
         gather: &Gather,
         lights: &[Light],
         emitters: &[(usize, Emitter)],
         levels: usize,
-    ) -> Vec<(usize, Image)> {
-        let known = |number: usize| {
-            let mut images = self.images.lock().unwrap_or_else(PoisonError::into_inner);
-            let connected = images.get_used(&lights[number]);
-            connected.map_or_else(Connected::default, |known| known.clone())
-        };
-        let mut images: Vec<Connected> = emitters.iter().map(|(number, _)| known(*number)).collect();
-        for level in 0..levels.min(self.levels.len()) {
-            let behind: Vec<usize> = (0..images.len()).filter(|i| images[*i].levels == level).collect();
+    ) -> Vec<(usize, Arc<ConnectedImage>)> {
+        let known =
+            |(number, _): &(usize, Emitter)| self.cache().get_used(&lights[*number]).cloned().flatten();
+        let mut images: Vec<Option<Arc<ConnectedImage>>> = emitters.iter().map(known).collect();
+        for (number, level) in self.levels.iter().enumerate().take(levels) {
+            let is_behind = |i: &usize| images[*i].as_ref().map_or(0, |image| image.levels) == number;
+            let behind: Vec<usize> = (0..images.len()).filter(is_behind).collect();
             let lights: Vec<&Emitter> = behind.iter().map(|i| &emitters[*i].1).collect();
-            let added = self.level_images(gather, level, &lights);
-            behind.iter().zip(added).for_each(|(i, image)| images[*i].add(image, &self.levels[level].pass));
-        }
-        let mut cache = self.images.lock().unwrap_or_else(PoisonError::into_inner);
-        for ((number, _), connected) in emitters.iter().zip(&images) {
-            let kept = cache.get_or_insert(&lights[*number], Connected::default);
-            if kept.levels < connected.levels {
-                *kept = connected.clone();
+            for (i, image) in behind.into_iter().zip(self.level_images(gather, level, &lights)) {
+                images[i] =
+                    Some(Arc::new(ConnectedImage::grown(images[i].as_deref(), image, level.pass.samples)));
             }
         }
-        cache.trim(&[], IMAGE_MEMORY, |connected| size_of_val(connected.image.data.as_slice()));
-        emitters.iter().map(|(number, _)| *number).zip(images.into_iter().map(|known| known.image)).collect()
+        let mut cache = self.cache();
+        let images = emitters.iter().zip(images).filter_map(|((number, _), image)| {
+            *cache.get_or_insert(&lights[*number], || None) = image.clone();
+            Some((*number, image?))
+        });
+        let images = images.collect();
+        cache.trim(&[], IMAGE_MEMORY, |image| image.as_ref().map_or(0, |image| image.bytes()));
+        images
+    }
+
+    fn cache(&self) -> MutexGuard<'_, LightCache<Option<Arc<ConnectedImage>>>> {
+        self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Images by the paths of one level.
-    fn level_images(&self, gather: &Gather, level: usize, lights: &[&Emitter]) -> Vec<Image> {
+    fn level_images(&self, gather: &Gather, level: &Level, lights: &[&Emitter]) -> Vec<Image> {
         if lights.is_empty() {
             return Vec::new();
         }
-        let level = &self.levels[level];
         let tiles: Vec<Vec<[f32; 3]>> =
             (0..level.tiles.len()).into_par_iter().map(|tile| self.tile(level, tile, lights)).collect();
         (0..lights.len()).map(|light| gather.assemble(&tiles, light)).collect()
@@ -218,18 +227,27 @@ fn levels(manifest: &Manifest) -> Vec<Level> {
     levels
 }
 
-impl Connected {
-    /// Adds the image of the next level, which is of some paths beside those before.
-    fn add(&mut self, image: Image, pass: &Pass) {
-        if self.levels == 0 {
-            self.image = image;
-        } else {
-            let share = pass.samples as f32 / (self.paths + pass.samples) as f32;
-            let values = self.image.data.iter_mut().zip(&image.data);
-            values.for_each(|(value, new)| *value += share * (new - *value));
+impl ConnectedImage {
+    /// Image of one level more, which is of so many paths.
+    fn grown(before: Option<&Self>, mut image: Image, samples: u32) -> Self {
+        let Some(before) = before else {
+            return Self { levels: 1, paths: samples, image, error: Image::default() };
+        };
+        let paths = before.paths + samples;
+        let share = samples as f32 / paths as f32;
+        // As in `Gathered::add`.
+        let scale = (share * (1.0 - share)).sqrt();
+        let mut error = before.image.clone();
+        for ((value, error), before) in image.data.iter_mut().zip(&mut error.data).zip(&before.image.data) {
+            let difference = *value - before;
+            *value = before + share * difference;
+            *error = scale * difference;
         }
-        self.levels += 1;
-        self.paths += pass.samples;
+        Self { levels: before.levels + 1, paths, image, error }
+    }
+
+    fn bytes(&self) -> usize {
+        size_of_val(self.image.data.as_slice()) + size_of_val(self.error.data.as_slice())
     }
 }
 
@@ -249,14 +267,32 @@ mod tests {
         let writer = MemoryWriter::new(tracer.manifest()).unwrap();
         tracer.trace(&writer, &Control::default()).unwrap();
         let gather = Gather::new(writer.snapshot());
-        let connections = Connections::new(scene.clone(), gather.dump().manifest()).unwrap().unwrap();
+        // As many paths as are connected.
+        let few = Gather::new(gather.dump().passes(0..7));
+        let connections = Connections::new(scene.clone(), gather.dump().manifest(), None).unwrap().unwrap();
         let lights = bulbs(3);
         let split = connections.split(&lights).unwrap();
-        let joined = connections.unit_images(&gather, &lights, &split.emitters, usize::MAX);
+        let joined = connections.images(&gather, &lights, &split.emitters, usize::MAX);
         for (light, (_, joined)) in lights.iter().zip(joined) {
-            let crossed = gather.unit_images(&[gather.prepare(light).unwrap()], SampleSplit::All);
-            let mean = |image: &Image| image.data.iter().sum::<f32>() / image.data.len() as f32;
-            eprintln!("{} {}", mean(&crossed[0]), mean(&joined));
+            let crossed = &gather.unit_images(&[gather.prepare(light).unwrap()], SampleSplit::All)[0];
+            let differences: Vec<f64> =
+                crossed.data.iter().zip(&joined.image.data).map(|(a, b)| f64::from(a - b)).collect();
+            let count = differences.len() as f64;
+            let mean = differences.iter().sum::<f64>() / count;
+            let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
+            // Channels of a grey box are all alike.
+            let standard_error = (3.0 * variance / count).sqrt();
+            assert!(mean.abs() < 4.0 * standard_error, "{mean} +- {standard_error}");
+            let noise = |image: &Image| {
+                let rough = image.data.chunks_exact(3).zip(image.data[3..].chunks_exact(3));
+                rough.map(|(a, b)| f64::from(a[0] - b[0]).powi(2)).sum::<f64>()
+            };
+            assert!(
+                noise(&joined.image) < 0.5 * noise(crossed),
+                "{} {}",
+                noise(&joined.image),
+                noise(crossed)
+            );
         }
     }
 }

@@ -2,8 +2,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
 
 use relume_gather::{
-    Environment, Gather, GatherError, Goals, GpuGather, PreparedLight, SampleSplit, SoftCompared, SoftGather,
-    UnitValues,
+    Emitter, Environment, Gather, GatherError, Goals, GpuGather, PreparedLight, SampleSplit, SoftCompared,
+    SoftGather, UnitValues,
 };
 use relume_gpu::compare::StepTargets;
 use relume_gpu::{Gpu, GpuError};
@@ -11,7 +11,7 @@ use relume_image::Image;
 use relume_scene::Light;
 
 use crate::device::compute::Compute;
-use crate::device::connections::Connections;
+use crate::device::connections::{ConnectedImage, Connections};
 use crate::device::image::DeviceImage;
 use crate::device::layers::DeviceLayers;
 use crate::device::on_gpu::OnGpu;
@@ -30,6 +30,20 @@ pub(crate) struct DeviceGather {
     told_of_little_memory: Once,
 }
 
+/// Unit image of a light in two parts.
+pub(crate) struct UnitParts {
+    /// What is summed over the crossings of a pass.
+    pub crossed: DeviceImage,
+    /// Diffuse light that is connected, of as many paths as so far; none where it is summed over crossings.
+    pub connected: Option<Arc<ConnectedImage>>,
+}
+
+impl From<DeviceImage> for UnitParts {
+    fn from(crossed: DeviceImage) -> Self {
+        Self { crossed, connected: None }
+    }
+}
+
 impl DeviceGather {
     pub fn new(gather: Gather) -> Self {
         Self {
@@ -45,6 +59,11 @@ impl DeviceGather {
     /// Connects lights from now on, by so many levels.
     pub fn connect(&mut self, connections: &Arc<Connections>, levels: usize) {
         self.connections = Some((Arc::clone(connections), levels));
+    }
+
+    /// True if the diffuse light of a light is connected.
+    pub fn connects(&self, light: &Light) -> bool {
+        self.connections.is_some() && Emitter::covers(light)
     }
 
     /// Allows sorting the copy on the GPU in the background after several relights, once nothing else needs the CPU.
@@ -70,21 +89,22 @@ impl DeviceGather {
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, split);
-        let add = |image: &mut Image, diffuse: &Image| {
-            image.add_scaled(diffuse, &[1.0; 3]);
-            Ok(())
-        };
-        self.images(lights, split, (compute, monitor), work, |image| image, add)
+        let (mut images, connected) = self.images(lights, split, (compute, monitor), work, |image| image)?;
+        for (light, diffuse) in connected {
+            images[light].add_scaled(&diffuse.image, &[1.0; 3]);
+        }
+        Ok(images)
     }
 
-    /// [`DeviceGather::unit_images`] that stay on the GPU where that makes them and has room. They are there when this returns.
-    pub fn device_images(
+    /// Parts of unit images: of crossings, which stay on the GPU where that makes them and has room, and of connections. They are
+    /// there when this returns.
+    pub fn unit_parts(
         &self,
         lights: &[Light],
-        split: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
-    ) -> Result<Vec<DeviceImage>, SessionError> {
+    ) -> Result<Vec<UnitParts>, SessionError> {
+        let split = SampleSplit::All;
         let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| match on_gpu.gpu_images(lights, split) {
             Err(GatherError::Gpu(GpuError::OutOfMemory { .. })) => {
                 Ok(on_gpu.unit_images(lights, split)?.into_iter().map(DeviceImage::Cpu).collect())
@@ -95,10 +115,15 @@ impl DeviceGather {
                 images.into_iter().map(|image| Ok(DeviceImage::from_gpu(image)?)).collect()
             }
         };
-        self.images(lights, split, (compute, monitor), work, DeviceImage::Cpu, DeviceImage::add)
+        let (images, connected) = self.images(lights, split, (compute, monitor), work, DeviceImage::Cpu)?;
+        let mut parts: Vec<UnitParts> = images.into_iter().map(UnitParts::from).collect();
+        for (light, diffuse) in connected {
+            parts[light].connected = Some(diffuse);
+        }
+        Ok(parts)
     }
 
-    /// Unit images as the GPU or the CPU gives them, with what is connected added.
+    /// Unit images by crossings, as the GPU or the CPU gives them, and by connections for some of the lights.
     fn images<R>(
         &self,
         lights: &[Light],
@@ -106,8 +131,7 @@ impl DeviceGather {
         (compute, monitor): (&Compute, &Monitor),
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
         of_cpu: impl Fn(Image) -> R,
-        add: impl Fn(&mut R, &Image) -> Result<(), GpuError>,
-    ) -> Result<Vec<R>, SessionError> {
+    ) -> Result<(Vec<R>, Vec<(usize, Arc<ConnectedImage>)>), SessionError> {
         let connections = self.connections.as_ref().filter(|_| split == SampleSplit::All);
         let connected = connections.map(|(connections, _)| connections.split(lights)).transpose()?;
         let crossed = self.gather.prepare_all(connected.as_ref().map_or(lights, |split| &split.rest))?;
@@ -120,13 +144,11 @@ impl DeviceGather {
             let (gather, split) = self.gather.split(split);
             gather.unit_images(&crossed, split).into_iter().map(of_cpu).collect()
         };
-        let mut images = images.unwrap_or_else(on_cpu);
-        if let (Some((connections, levels)), Some(split)) = (connections, connected) {
-            for (light, diffuse) in connections.unit_images(&self.gather, lights, &split.emitters, *levels) {
-                add(&mut images[light], &diffuse)?;
-            }
-        }
-        Ok(images)
+        let images = images.unwrap_or_else(on_cpu);
+        let diffuse = connections.zip(connected).map(|((connections, levels), split)| {
+            connections.images(&self.gather, lights, &split.emitters, *levels)
+        });
+        Ok((images, diffuse.unwrap_or_default()))
     }
 
     /// Light of a world in the picture.

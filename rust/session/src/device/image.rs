@@ -76,11 +76,11 @@ impl DeviceImage {
         Ok(())
     }
 
-    /// Adds an image of its size on the CPU, where it then is.
-    pub fn add(&mut self, other: &Image) -> Result<(), GpuError> {
+    /// Adds some times an image of its size that is on the CPU, where both then are.
+    pub fn add(&mut self, other: &Image, factor: f32) -> Result<(), GpuError> {
         self.move_to_cpu()?;
         if let Self::Cpu(image) = self {
-            image.add_scaled(other, &[1.0; 3]);
+            image.add_scaled(other, &[factor; 3]);
         }
         Ok(())
     }

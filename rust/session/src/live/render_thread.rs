@@ -13,7 +13,6 @@ use crate::error::SessionError;
 use crate::progress::{Cancel, Listener, Monitor, Progress};
 use crate::relight::source::Method;
 use crate::relight::units::{SharedImage, UnitCache};
-use relume_gather::SampleSplit;
 use relume_image::Image;
 use relume_scene::Light;
 use std::collections::BTreeMap;
@@ -171,12 +170,14 @@ impl RenderThread {
         let delivered = Delivered::take(&mut state);
         drop(state);
         let before = self.view.take();
-        let known = before.as_ref().map(|view| view.bake.clone());
+        let about = |view: &BakeView| (view.bake.clone(), view.connections.is_some());
+        let known = before.as_ref().map(about);
         let new_proxies = delivered.proxies.is_some();
         self.view = BakeView::new(delivered, &self.compute, before);
-        if known != self.view.as_ref().map(|view| view.bake.clone()) {
+        let now = self.view.as_ref().map(about);
+        if known != now {
             self.units = UnitCache::default();
-            self.first_frame = true;
+            self.first_frame |= known.map(|(bake, _)| bake) != now.map(|(bake, _)| bake);
         } else if new_proxies {
             self.units.clear_proxies();
         }
@@ -316,9 +317,8 @@ impl RenderThread {
             Some(world) => world.advance(view, &self.compute, &self.monitor)?,
             None => false,
         };
-        let gather = |pass: &DeviceGather, lights: &[Light]| {
-            pass.device_images(lights, SampleSplit::All, &self.compute, &self.monitor)
-        };
+        let gather =
+            |pass: &DeviceGather, lights: &[Light]| pass.unit_parts(lights, &self.compute, &self.monitor);
         Ok(self.units.advance(lights, &view.passes, gather)? || world)
     }
 

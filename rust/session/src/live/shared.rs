@@ -1,6 +1,7 @@
 use super::{LiveRequest, OtherWorld};
 use crate::bake::guiding::GuidingRecord;
 use crate::bake::world::own_world;
+use crate::device::connections::Connections;
 use crate::files::proxies::{Measured, Proxies};
 use crate::progress::{Cancel, Listener, Progress};
 use crate::relight::source::UnitSource;
@@ -144,6 +145,8 @@ pub(super) struct State {
     pub requests: u64,
     /// Whole passes of the bake so far.
     pub dump: Option<Dump>,
+    /// Scene of the bake in which lights are connected.
+    pub connections: Option<Arc<Connections>>,
     /// World that is shown in place of the one that the paths were traced with.
     pub world: Option<Arc<OtherWorld>>,
     /// Lights that its paths are guided towards.

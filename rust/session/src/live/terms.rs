@@ -40,7 +40,7 @@ pub(super) fn light_terms(request: &LiveRequest, view: &BakeView) -> (Vec<LightT
         match first_pass.filter(|_| source == TermSource::Gather) {
             Some(pass) => {
                 notes.warnings.extend(outside_of_training(light, proxies));
-                notes.add_gathered(light, pass.gather(), view.coverage.as_ref());
+                notes.add_gathered(light, pass, view.coverage.as_ref());
                 unlearned.extend((!has_proxy(light, proxies)).then_some(light.name.as_str()));
             }
             None => notes.warnings.extend(extrapolated(light, proxies)),
@@ -70,8 +70,8 @@ fn source(light: &Light, method: Method, view: &BakeView) -> Result<TermSource, 
     let pass = view.passes.first();
     // Without paths there are only proxies.
     let method = if pass.is_some() { method } else { Method::Auto };
-    let samples = pass.map(|_| view.samples());
-    match (UnitSource::choose(light, method, view.proxies.proxies(), samples, true), pass) {
+    let gather = pass.map(|pass| (view.samples(), pass.connects(light)));
+    match (UnitSource::choose(light, method, view.proxies.proxies(), gather, true), pass) {
         (Some(UnitSource::Proxy), _) => Ok(TermSource::Proxy),
         (Some(_), Some(pass)) => {
             pass.gather().prepare(light).map_err(|error| error.to_string())?;

@@ -99,9 +99,8 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     let view = BakeView::new(Delivered::take(&mut shared.lock()), &compute, None).unwrap();
     let mut units = UnitCache::default();
     let mut rounds = 0;
-    let gather = |pass: &DeviceGather, lights: &[Light]| {
-        pass.device_images(lights, SampleSplit::All, &compute, &Monitor::default())
-    };
+    let gather =
+        |pass: &DeviceGather, lights: &[Light]| pass.unit_parts(lights, &compute, &Monitor::default());
     while units.advance(&lights, &view.passes, gather).unwrap() {
         rounds += 1;
     }
@@ -117,12 +116,12 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     }
 }
 
-/// Picture by [`Relighter`], as for F12 and the command line.
-fn relit(folder: &Path, lights: &[Light]) -> Image {
+/// Picture by [`Relighter`], as for F12.
+fn relit(folder: &Path, scene: Arc<Scene>, lights: &[Light]) -> Image {
     let lights = request(lights).lights;
-    let relit =
-        Relighter::open(folder).unwrap().relight(&lights, &RelightOptions::default(), &Monitor::default());
-    relit.unwrap().combined()
+    let mut relighter = Relighter::open(folder).unwrap();
+    relighter.connect(scene).unwrap();
+    relighter.relight(&lights, &RelightOptions::default(), &Monitor::default()).unwrap().combined()
 }
 
 #[test]
@@ -138,7 +137,7 @@ fn a_picture_at_rest_is_the_one_that_is_rendered() {
     let before = live.frame(0).unwrap();
     let less = settled(&live, live.relight(request(&lights[1..])));
     for (shown, lights) in [(before, &lights[..]), (less, &lights[1..])] {
-        let rendered = relit(folder.path(), lights);
+        let rendered = relit(folder.path(), room(48, 32), lights);
         let brightest = rendered.data.iter().fold(0.0_f32, |a, b| a.max(*b));
         let rows = rendered.data.chunks_exact(48 * 3).rev().flatten();
         let colors = shown.image.data.as_chunks::<4>().0.iter().flat_map(|[rgb @ .., _]| rgb);

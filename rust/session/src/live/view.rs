@@ -2,6 +2,7 @@ use super::shared::State;
 use crate::bake::features::camera;
 use crate::bake::guiding::{GuideCoverage, GuidingRecord};
 use crate::device::compute::Compute;
+use crate::device::connections::Connections;
 use crate::device::gather::DeviceGather;
 use crate::device::proxies::DeviceProxies;
 use crate::files::base_layers::BaseLayers;
@@ -34,6 +35,8 @@ pub(super) struct BakeView {
     pub proxies: DeviceProxies,
     /// Denoisers for the full size, and for half of it.
     pub denoise: [Denoise; 2],
+    /// Scene in which lights are connected, once it is ready.
+    pub connections: Option<Arc<Connections>>,
     /// Coverage of lights by the paths.
     pub coverage: Option<GuideCoverage>,
     /// Paths per pixel behind the features that the denoisers use, and how well those are denoised themselves.
@@ -48,6 +51,7 @@ pub(super) struct Delivered {
     dump: Option<Dump>,
     guiding_record: GuidingRecord,
     base: Option<Arc<BaseLayers>>,
+    connections: Option<Arc<Connections>>,
     pub proxies: Option<Proxies>,
 }
 
@@ -58,6 +62,7 @@ impl Delivered {
             dump: state.dump.clone(),
             guiding_record: state.guiding_record.clone(),
             base: state.base.clone(),
+            connections: state.connections.clone(),
             proxies: state.proxies.take(),
         }
     }
@@ -66,7 +71,7 @@ impl Delivered {
 impl BakeView {
     /// Inputs that are there now; all that is known of the same bake is kept.
     pub fn new(delivered: Delivered, compute: &Compute, before: Option<Self>) -> Option<Self> {
-        let Delivered { deliveries, dump, guiding_record, base, proxies } = delivered;
+        let Delivered { deliveries, dump, guiding_record, base, connections, proxies } = delivered;
         let Some(dump) = dump else {
             let base = base?;
             let proxies = DeviceProxies::new(proxies.unwrap_or_default());
@@ -101,7 +106,8 @@ impl BakeView {
         let coverage =
             camera.map(|camera| GuideCoverage::new(&guiding_record, dump.manifest(), &features, &camera));
         drop(features);
-        Some(Self { coverage, ..view })
+        let connections = connections.filter(|connections| connections.is_of(dump.manifest()));
+        Some(Self { coverage, ..view }.connected(connections))
     }
 
     fn of(
@@ -125,12 +131,23 @@ impl BakeView {
             statics,
             proxies,
             denoise,
+            connections: None,
             coverage: None,
             features: (0, PASSING),
             quality: DenoiseQuality::Balanced,
         };
         view.features.0 = view.samples();
         view
+    }
+
+    /// Connects the lights of all passes: as many levels as there are passes up to each, so that the first are quick.
+    fn connected(mut self, connections: Option<Arc<Connections>>) -> Self {
+        if let Some(connections) = &connections {
+            let passes = self.passes.iter_mut().enumerate();
+            passes.for_each(|(number, pass)| pass.connect(connections, number + 1));
+        }
+        self.connections = connections.or(self.connections);
+        self
     }
 
     /// Adds passes or replaces proxies of the same bake.

@@ -5,6 +5,7 @@ use crate::bake::guiding::{GuideCoverage, GuidingRecord};
 use crate::bake::world::WorldLayer;
 use crate::bake::{Observer, bake_observed, clear, clear_paths, difference};
 use crate::device::compute::Compute;
+use crate::device::connections::Connections;
 use crate::device::threads::in_background;
 use crate::error::SessionError;
 use crate::files::base_layers;
@@ -21,10 +22,11 @@ use crate::train::train;
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
 use relume_scene::{Light, Scene};
-use relume_trace::{TraceSettings, guide_targets as scene_guide_targets};
+use relume_trace::{TraceSettings, Tracer, guide_targets as scene_guide_targets};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::thread;
 
 /// Paths per pixel that the first training is done on; a sum of whole passes.
 const SAMPLES_TO_TRAIN: u32 = 64;
@@ -118,7 +120,12 @@ impl WorkRun {
 
     /// Bakes and trains, then bakes the rest and trains again if that is much more: a proxy is ready long before a
     /// large bake ends. Existing samples stay, even if fewer are asked for.
-    fn bake(&self, scene: &Scene, settings: &TraceSettings, monitor: &Monitor) -> Result<(), SessionError> {
+    fn bake(
+        &self,
+        scene: &Arc<Scene>,
+        settings: &TraceSettings,
+        monitor: &Monitor,
+    ) -> Result<(), SessionError> {
         if matches!(difference(scene, settings, &self.folder), Ok(Some(Manifest::WORLD_MAP))) {
             clear_paths(&self.folder)?;
         }
@@ -147,6 +154,28 @@ impl WorkRun {
         Ok(())
     }
 
+    /// Makes the scene ready for connections beside the bake that a tracer begins.
+    fn connect(&self, scene: &Arc<Scene>, tracer: &Tracer<'_>) {
+        let (manifest, bvh) = (tracer.manifest(), tracer.bvh().clone());
+        if self.shared.lock().connections.as_ref().is_some_and(|known| known.is_of(&manifest)) {
+            return;
+        }
+        let (shared, scene) = (self.shared.clone(), Arc::clone(scene));
+        let connect = move || match Connections::new(scene, &manifest, Some(bvh)) {
+            Ok(Some(connections)) => shared.change(|state| {
+                state.connections = Some(Arc::new(connections));
+                state.deliveries += 1;
+            }),
+            Ok(None) => {}
+            Err(error) => shared.warn(&error.to_string()),
+        };
+        let thread = thread::Builder::new().name("relume-connect".into());
+        let spawned = thread.spawn(|| drop(catch_unwind(AssertUnwindSafe(connect))));
+        if let Err(error) = spawned {
+            self.shared.warn(&format!("lights have more noise, since a thread cannot be started: {error}"));
+        }
+    }
+
     /// Enters a state without any progress yet.
     fn enter(&self, state: LiveState) {
         self.shared.change(|shared| {
@@ -166,13 +195,18 @@ impl WorkRun {
 
     fn bake_samples(
         &self,
-        scene: &Scene,
+        scene: &Arc<Scene>,
         settings: &TraceSettings,
         monitor: &Monitor,
     ) -> Result<(), SessionError> {
         let lights = || self.guide_targets(scene, settings);
         let samples = self.shared.lock().status.samples_total;
-        let observer = Observer { samples, lights: &lights, passes: &|dump| self.deliver(dump) };
+        let observer = Observer {
+            samples,
+            lights: &lights,
+            prepared: Some(&|tracer| self.connect(scene, tracer)),
+            passes: &|dump| self.deliver(dump),
+        };
         let bake = || bake_observed(scene, settings, &self.folder, true, monitor, &observer);
         match bake() {
             Err(SessionError::Dump(DumpError::OtherBake { difference: Manifest::WORLD_MAP, .. })) => {

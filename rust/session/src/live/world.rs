@@ -101,7 +101,7 @@ impl WorldUnit {
         if let WorldSource::Layer(layer) = &unit.world.source {
             let [mean, error] = [&layer.image, &layer.error].map(|image| DeviceImage::Cpu(image.clone()));
             let (passes, samples) = (view.passes.len(), layer.samples);
-            unit.gathered = Gathered { mean, error, passes, samples, clean: None };
+            unit.gathered = Gathered { mean, error, passes, samples, ..Gathered::default() };
             unit.stored_samples = samples;
         }
         unit
@@ -134,7 +134,7 @@ impl WorldUnit {
         } else {
             pass.world_image(environment, compute, monitor)?
         };
-        self.gathered.add(DeviceImage::Cpu(image), pass.samples())?;
+        self.gathered.add(DeviceImage::Cpu(image).into(), pass.samples())?;
         Ok(true)
     }
 

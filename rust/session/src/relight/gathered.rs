@@ -1,9 +1,12 @@
+use crate::device::connections::ConnectedImage;
+use crate::device::gather::UnitParts;
 use crate::device::image::DeviceImage;
 use crate::error::SessionError;
 use crate::relight::denoise::Denoise;
 use relume_gather::{DenoiseQuality, Stop};
 use relume_gpu::{Gpu, GpuError};
 use relume_image::Image;
+use std::sync::Arc;
 
 /// Denoised picture.
 pub(crate) struct Clean {
@@ -36,11 +39,18 @@ pub(crate) struct Gathered {
     pub error: DeviceImage,
     /// Number of passes that were denoised, and their denoised mean.
     pub clean: Option<(usize, Clean)>,
+    /// Connected light that is part of `mean`.
+    pub connected: Option<Arc<ConnectedImage>>,
 }
 
 impl Gathered {
-    /// Adds the mean of one more pass.
-    pub fn add(&mut self, mut image: DeviceImage, samples: u32) -> Result<(), GpuError> {
+    /// Adds the mean of one more pass. Its connected light, of more paths, takes the place of that before.
+    pub fn add(&mut self, parts: UnitParts, samples: u32) -> Result<(), GpuError> {
+        let UnitParts { crossed: mut image, connected } = parts;
+        let before = std::mem::replace(&mut self.connected, connected);
+        if let Some(in_mean) = before.as_ref().or(self.connected.as_ref()) {
+            image.add(&in_mean.image, 1.0)?;
+        }
         let all = self.samples + samples;
         if self.passes == 0 {
             self.mean = image;
@@ -51,9 +61,23 @@ impl Gathered {
             let scale = (share * (1.0 - share)).sqrt();
             self.mean.take_in(&mut image, share, scale)?;
             self.error = image;
+            self.renew_connected(before)?;
         }
         self.passes += 1;
         self.samples = all;
+        Ok(())
+    }
+
+    /// Puts new connected light in the place of that before, and its error into that of all.
+    fn renew_connected(&mut self, before: Option<Arc<ConnectedImage>>) -> Result<(), GpuError> {
+        let (Some(now), Some(before)) = (&self.connected, before) else { return Ok(()) };
+        if !Arc::ptr_eq(now, &before) {
+            self.mean.add(&before.image, -1.0)?;
+            self.mean.add(&now.image, 1.0)?;
+        }
+        if !now.error.data.is_empty() {
+            self.error.add(&now.error, 1.0)?;
+        }
         Ok(())
     }
 

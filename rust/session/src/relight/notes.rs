@@ -1,6 +1,7 @@
 //! Notes on lights whose pictures are slower or less exact than usual, in words for the user.
 
 use crate::bake::guiding::GuideCoverage;
+use crate::device::gather::DeviceGather;
 use crate::files::proxies::Proxies;
 use relume_gather::Gather;
 use relume_proxy::LightKind;
@@ -15,9 +16,13 @@ pub(crate) struct LightNotes {
 }
 
 impl LightNotes {
-    /// Notes faults of a gathered light: too small for the dump, or met by too few paths.
-    pub fn add_gathered(&mut self, light: &Light, gather: &Gather, coverage: Option<&GuideCoverage>) {
-        self.warnings.extend(too_small(gather, light));
+    /// Notes faults of a gathered light: too small for the dump, or met by too few paths. One that is connected to vertices has
+    /// neither.
+    pub fn add_gathered(&mut self, light: &Light, gather: &DeviceGather, coverage: Option<&GuideCoverage>) {
+        if gather.connects(light) {
+            return;
+        }
+        self.warnings.extend(too_small(gather.gather(), light));
         if let Some(under_sampled) = coverage.and_then(|coverage| coverage.under_sampled(light)) {
             self.warnings.push(under_sampled.warning(light));
             self.under_sampled.extend(under_sampled.guiding_helps.then(|| light.name.clone()));

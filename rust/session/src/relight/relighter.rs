@@ -137,23 +137,23 @@ impl Relighter {
         Self { denoise, compute: compute.clone(), ..self }
     }
 
+    /// True if a scene is the one that was baked.
+    pub fn is_of(&self, scene: &Scene) -> bool {
+        self.scene_hash == scene.hash()
+    }
+
     /// Connects lights in the scene of the bake from now on, where that can be: their diffuse light has much less noise.
     ///
     /// # Errors
-    /// If the scene is not that of the bake, or has too many triangles.
+    /// If the scene is not that of the bake ([`Self::is_of`]), or has too many triangles.
     pub fn connect(&mut self, scene: Arc<Scene>) -> Result<(), SessionError> {
         let Some(gather) = &mut self.gather else { return Ok(()) };
-        if let Some(connections) = Connections::new(scene, gather.gather().dump().manifest())? {
-            let levels = connections.levels();
-            gather.connect(&Arc::new(connections), levels);
-            self.forget_units();
+        let manifest = gather.gather().dump().manifest().clone();
+        if let Some(connections) = Connections::new(scene, &manifest, None)? {
+            gather.connect(&Arc::new(connections), manifest.passes.len());
+            self.units = Mutex::default();
         }
         Ok(())
-    }
-
-    /// Forgets the unit images that it knows.
-    pub fn forget_units(&mut self) {
-        self.units = Mutex::default();
     }
 
     /// The camera that was baked.
@@ -184,6 +184,9 @@ impl Relighter {
     /// True if hardly any path meets a light, but paths guided towards it would
     /// ([`relume_trace::TraceSettings::guide_targets`]). Its gathered picture is noise.
     pub fn is_under_sampled(&self, light: &Light) -> bool {
+        if self.connects(light) {
+            return false;
+        }
         let under_sampled = self.coverage.as_ref().and_then(|coverage| coverage.under_sampled(light));
         under_sampled.is_some_and(|under_sampled| under_sampled.guiding_helps)
     }
@@ -430,7 +433,7 @@ impl Relighter {
         let mut images = Vec::with_capacity(lights.len());
         for (light, image) in lights.iter().zip(self.gather_images(lights, SampleSplit::All, monitor)?) {
             let mut gathered = Gathered::default();
-            gathered.add(DeviceImage::Cpu(image), self.samples())?;
+            gathered.add(DeviceImage::Cpu(image).into(), self.samples())?;
             images.push(gathered.final_image(denoise)?);
             if denoise.is_some() {
                 gathered.drop_noisy();
@@ -472,7 +475,7 @@ impl Relighter {
 
     /// Warns of lights whose gathered pictures are to be trusted less.
     pub(crate) fn warn_of(&self, lights: &[Light], monitor: &Monitor) {
-        let Some(gather) = self.gather() else { return };
+        let Some(gather) = &self.gather else { return };
         let mut notes = LightNotes::default();
         lights.iter().for_each(|light| notes.add_gathered(light, gather, self.coverage.as_ref()));
         notes.warnings.iter().for_each(|text| monitor.warn(text));
@@ -480,7 +483,8 @@ impl Relighter {
 
     fn source(&self, light: &Light, options: &RelightOptions) -> Result<UnitSource, SessionError> {
         let samples = self.gather.as_ref().map(DeviceGather::samples);
-        let source = UnitSource::choose(light, options.method, self.proxies(), samples, options.denoise);
+        let gather = samples.map(|samples| (samples, self.connects(light)));
+        let source = UnitSource::choose(light, options.method, self.proxies(), gather, options.denoise);
         source.ok_or_else(|| {
             SessionError::Settings(format!(
                 "light '{}' is of a type, size or visibility that no proxy in {} covers; relight from its bake",
@@ -488,6 +492,11 @@ impl Relighter {
                 self.folder.display()
             ))
         })
+    }
+
+    /// True if the diffuse light of a light is connected.
+    fn connects(&self, light: &Light) -> bool {
+        self.gather.as_ref().is_some_and(|gather| gather.connects(light))
     }
 
     fn units(&self) -> MutexGuard<'_, UnitCache> {

@@ -33,25 +33,25 @@ impl UnitSource {
         if denoised { Self::GatherDenoised } else { Self::Gather }
     }
 
-    /// Source of a light's unit image; none if it needs a dump and there is none. `samples` are the paths per pixel of the
-    /// dump, whose sums would be `denoised`.
+    /// Source of a light's unit image; none if it needs a dump and there is none. `gather` are the paths per pixel of the
+    /// dump, whose sums would be `denoised`, and whether the light is connected, which no proxy comes up to.
     pub(crate) fn choose(
         light: &Light,
         method: Method,
         proxies: &Proxies,
-        samples: Option<u32>,
+        gather: Option<(u32, bool)>,
         denoised: bool,
     ) -> Option<Self> {
         let is_better =
             |samples| proxies.knowing(light).is_some_and(|proxy| proxy.beats_gather(denoised, samples));
-        let by_proxy = match (method, samples) {
+        let by_proxy = match (method, gather) {
             (Method::Gather, _) => false,
-            (Method::Auto, Some(samples)) => is_better(samples),
+            (Method::Auto, Some((samples, connected))) => !connected && is_better(samples),
             (Method::Proxy, _) | (Method::Auto, None) => proxies.covering(light).is_some(),
         };
         match by_proxy {
             true => Some(Self::Proxy),
-            false => samples.map(|_| Self::gathered(denoised)),
+            false => gather.map(|_| Self::gathered(denoised)),
         }
     }
 }

@@ -1,4 +1,4 @@
-use crate::device::gather::DeviceGather;
+use crate::device::gather::{DeviceGather, UnitParts};
 use crate::device::image::DeviceImage;
 use crate::error::SessionError;
 use crate::relight::gathered::Gathered;
@@ -77,18 +77,18 @@ impl UnitCache {
         &mut self,
         lights: &[Light],
         passes: &[DeviceGather],
-        gather: impl FnOnce(&DeviceGather, &[Light]) -> Result<Vec<DeviceImage>, SessionError>,
+        gather: impl FnOnce(&DeviceGather, &[Light]) -> Result<Vec<UnitParts>, SessionError>,
     ) -> Result<bool, SessionError> {
         let fewest = lights.iter().map(|light| self.passes(light)).min();
         let Some(pass) = fewest.and_then(|fewest| passes.get(fewest)) else { return Ok(false) };
         let is_behind = |light: &&Light| Some(self.passes(light)) == fewest;
         let group: Vec<Light> = lights.iter().filter(is_behind).take(GROUP).cloned().collect();
-        for (light, image) in group.iter().zip(gather(pass, &group)?) {
+        for (light, parts) in group.iter().zip(gather(pass, &group)?) {
             // Of lights that differ by name alone, one adds the pass for all.
             if Some(self.passes(light)) != fewest {
                 continue;
             }
-            if let Err(error) = self.of(light).gathered.add(image, pass.samples()) {
+            if let Err(error) = self.of(light).gathered.add(parts, pass.samples()) {
                 // The image may have been added, or not.
                 self.0.remove(light);
                 return Err(error.into());
