@@ -89,7 +89,8 @@ impl DeviceGather {
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, split);
-        let (mut images, connected) = self.images(lights, split, (compute, monitor), work, |image| image)?;
+        let (mut images, connected) =
+            self.images(lights, split, false, (compute, monitor), work, |image| image)?;
         for (light, diffuse) in connected {
             images[light].add_scaled(&diffuse.image, &[1.0; 3]);
         }
@@ -97,10 +98,11 @@ impl DeviceGather {
     }
 
     /// Parts of unit images: of crossings, which stay on the GPU where that makes them and has room, and of connections. They are
-    /// there when this returns.
+    /// there when this returns. In a hurry these are of one path, and of every second pixel and row.
     pub fn unit_parts(
         &self,
         lights: &[Light],
+        in_a_hurry: bool,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<UnitParts>, SessionError> {
@@ -115,7 +117,8 @@ impl DeviceGather {
                 images.into_iter().map(|image| Ok(DeviceImage::from_gpu(image)?)).collect()
             }
         };
-        let (images, connected) = self.images(lights, split, (compute, monitor), work, DeviceImage::Cpu)?;
+        let (images, connected) =
+            self.images(lights, split, in_a_hurry, (compute, monitor), work, DeviceImage::Cpu)?;
         let mut parts: Vec<UnitParts> = images.into_iter().map(UnitParts::from).collect();
         for (light, diffuse) in connected {
             parts[light].connected = Some(diffuse);
@@ -128,6 +131,7 @@ impl DeviceGather {
         &self,
         lights: &[Light],
         split: SampleSplit,
+        in_a_hurry: bool,
         (compute, monitor): (&Compute, &Monitor),
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
         of_cpu: impl Fn(Image) -> R,
@@ -145,8 +149,9 @@ impl DeviceGather {
             gather.unit_images(&crossed, split).into_iter().map(of_cpu).collect()
         };
         let images = images.unwrap_or_else(on_cpu);
-        let diffuse = connections.zip(connected).map(|((connections, levels), split)| {
-            connections.images(&self.gather, lights, &split.emitters, *levels)
+        let diffuse = connections.zip(connected).map(|((connections, levels), split)| match in_a_hurry {
+            true => connections.coarse_images(&self.gather, lights, &split.emitters),
+            false => connections.images(&self.gather, lights, &split.emitters, *levels),
         });
         Ok((images, diffuse.unwrap_or_default()))
     }

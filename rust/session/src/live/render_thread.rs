@@ -236,13 +236,14 @@ impl RenderThread {
             _ => !replaced(&term),
         };
         let new = lights(terms, is_needed);
-        while self.advance(&new, view)? {
+        let scale = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
+        let scale = if view.can_be_halved() { scale } else { 1 };
+        let in_a_hurry = scale == 2 && view.passes.len() > 1;
+        while self.advance(&new, view, in_a_hurry)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
             }
         }
-        let scale = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
-        let scale = if view.can_be_halved() { scale } else { 1 };
         self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
         let took = start.elapsed();
         if took > SLOW {
@@ -264,7 +265,7 @@ impl RenderThread {
         let gathered = self.gathered(request, view, terms);
         let full = FrameQuality { scale: 1, is_drag: false };
         let mut last_shown = Instant::now();
-        while self.advance(&self.gathered(request, view, terms), view)? {
+        while self.advance(&self.gathered(request, view, terms), view, false)? {
             if self.is_outdated() {
                 return Ok(());
             }
@@ -311,14 +312,16 @@ impl RenderThread {
             && view.proxies.proxies().knowing(&term.light).is_some()
     }
 
-    /// Gathers one more pass of another world and of some of the lights; false if none is behind.
-    fn advance(&mut self, lights: &[Light], view: &BakeView) -> Result<bool, SessionError> {
+    /// Gathers one more pass of another world and of some of the lights; false if none is behind. In a hurry they come in blocks of
+    /// two by two pixels, which the next pass replaces.
+    fn advance(&mut self, lights: &[Light], view: &BakeView, in_a_hurry: bool) -> Result<bool, SessionError> {
         let world = match &mut self.world {
             Some(world) => world.advance(view, &self.compute, &self.monitor)?,
             None => false,
         };
-        let gather =
-            |pass: &DeviceGather, lights: &[Light]| pass.unit_parts(lights, &self.compute, &self.monitor);
+        let gather = |pass: &DeviceGather, lights: &[Light]| {
+            pass.unit_parts(lights, in_a_hurry, &self.compute, &self.monitor)
+        };
         Ok(self.units.advance(lights, &view.passes, gather)? || world)
     }
 

@@ -100,7 +100,7 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     let mut units = UnitCache::default();
     let mut rounds = 0;
     let gather =
-        |pass: &DeviceGather, lights: &[Light]| pass.unit_parts(lights, &compute, &Monitor::default());
+        |pass: &DeviceGather, lights: &[Light]| pass.unit_parts(lights, false, &compute, &Monitor::default());
     while units.advance(&lights, &view.passes, gather).unwrap() {
         rounds += 1;
     }
