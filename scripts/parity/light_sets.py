@@ -8,6 +8,9 @@ from mathutils import Vector
 
 RULES = ("no shadow", "linked shadow", "no bounces", "sampled only")
 """Rules of lights in scenes that have them."""
+SMALL_RADII = 0.01, 0.05
+"""Metres."""
+SMALL_SUN = math.radians(0.5)
 KINDS = ("POINT", "POINT_HARD", "SPOT", "RECTANGLE", "ELLIPSE", "SUN")
 
 
@@ -45,13 +48,13 @@ def downward_rotation(rng):
     return direction.to_track_quat("-Z", "Y").to_euler()
 
 
-def add_light(scene, kind, position, depth, rng):
-    """One light of `kind`; its size and power follow the distance it was placed at."""
+def add_light(scene, kind, position, depth, rng, is_small):
+    """One light of `kind`; its size, unless that is small, and its power follow the distance it was placed at."""
     blender_type = {"POINT_HARD": "POINT", "RECTANGLE": "AREA", "ELLIPSE": "AREA"}.get(kind, kind)
     data = bpy.data.lights.new(f"parity {kind.lower()}", blender_type)
     data.color = tuple(rng.uniform(0.4, 1.0) for _ in range(3))
     data.energy = 8.0 * depth * depth * rng.uniform(0.5, 2.0)
-    size = depth * rng.uniform(0.08, 0.16)
+    size = rng.uniform(*SMALL_RADII) if is_small else depth * rng.uniform(0.08, 0.16)
     rotation = random_rotation(rng)
     if blender_type in ("POINT", "SPOT"):
         data.shadow_soft_size = size
@@ -65,7 +68,7 @@ def add_light(scene, kind, position, depth, rng):
         data.size, data.size_y = 2.0 * size, 2.0 * size * rng.uniform(0.5, 1.0)
         data.spread = math.radians(rng.choice((180.0, 140.0, 90.0)))
     elif kind == "SUN":
-        data.angle = math.radians(rng.uniform(15.0, 40.0))
+        data.angle = SMALL_SUN if is_small else math.radians(rng.uniform(15.0, 40.0))
         data.energy = rng.uniform(0.5, 2.0)
         rotation = downward_rotation(rng)
     light = bpy.data.objects.new(data.name, data)
@@ -91,11 +94,11 @@ def set_rule(light, rule):
         light.data.cycles.use_multiple_importance_sampling = False
 
 
-def add_light_set(scene, seed):
+def add_light_set(scene, seed, are_small=False):
     """One light of every kind; returns the new objects."""
     rng = random.Random(seed)
     places = visible_points(scene, rng, len(KINDS))
-    return [add_light(scene, kind, *place, rng) for kind, place in zip(KINDS, places, strict=True)]
+    return [add_light(scene, kind, *place, rng, are_small) for kind, place in zip(KINDS, places, strict=True)]
 
 
 def remove(objects):

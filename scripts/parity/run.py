@@ -67,7 +67,7 @@ def bake(scene, samples, folder, more):
         job = relume.bake(exported, folder / str(seed), settings | more | {"samples": samples // 2, "seed": seed})
         report = job.wait(on_warning=lambda text: print(f"  warning: {text}"))
         print(f"  baked {report['segments'] / 1e6:.1f} M segments in {report['seconds']:.0f} s", flush=True)
-        relighters.append(relume.Relighter(folder / str(seed)))
+        relighters.append(relume.Relighter(folder / str(seed), world_of=exported))
     return relighters
 
 
@@ -82,14 +82,14 @@ def write_pictures(folder, name, ours, cycles):
     Image.fromarray(picture).save(folder / f"{name}_difference.png")
 
 
-def light_sets_of(scene, count):
+def light_sets_of(scene, count, are_small):
     """Seed of each light set while its lights are in the file: 0 for its own lights, if any, then random ones alone."""
     own = [obj for obj in scene.objects if obj.type == "LIGHT"]
-    if own:
+    if own and not are_small:
         yield 0
     light_sets.remove(own)
     for seed in range(1, count + 1):
-        lights = light_sets.add_light_set(scene, seed)
+        lights = light_sets.add_light_set(scene, seed, are_small)
         yield seed
         light_sets.remove(lights)
 
@@ -148,6 +148,7 @@ def parse_arguments():
     parser.add_argument("--pixels", type=int, default=6400, help="about how many a picture of a file has")
     parser.add_argument("--samples", type=int, default=4096, help="gathered paths per pixel, of both bakes together")
     parser.add_argument("--cycles-samples", type=int, default=512, help="of the two Cycles renders together")
+    parser.add_argument("--small", action="store_true", help="lights of 1 to 5 cm, and suns of half a degree, alone")
     parser.add_argument("--guiding", type=float, help="share of directions that look for lights; default: the tracer's")
     parser.add_argument("--out", type=Path, default=ROOT / "out", help="where the pictures go")
     args = parser.parse_args()
@@ -172,10 +173,11 @@ def main():
     for name in args.scenes:
         print(name, flush=True)
         scene = open_scene(args.folder, name, args.pixels)
+        name += " small" if args.small else ""
         with tempfile.TemporaryDirectory(prefix="relume-parity-") as baked:
             relighters = bake(scene, args.samples, Path(baked), more)
             records = []
-            for seed in light_sets_of(scene, args.sets):
+            for seed in light_sets_of(scene, args.sets, args.small):
                 records.append(parity(scene, name, relighters, seed, args))
                 print(line(records[-1]), flush=True)
         keep(records, name)
