@@ -130,3 +130,58 @@ fn to_plane(plane: &Plane, origin: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
     let cos = -direction.dot(plane.normal);
     (cos > 0.0).then(|| (direction, towards.length_squared() / (cos * area)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::kernels::{random_dump_of, random_lights};
+
+    /// Fractions of the golden ratio's two-dimensional kin: points that fill the square evenly.
+    fn even(i: usize) -> [f32; 2] {
+        [0.754_877_666, 0.569_840_291].map(|step: f64| (0.5 + step * i as f64).fract() as f32)
+    }
+
+    #[test]
+    fn samples_of_all_lights_add_up_to_their_light() {
+        const COUNT: usize = 1 << 17;
+        let manifest = random_dump_of(2, &[1]).manifest().clone();
+        let normal = Vec3::new(0.36, 0.48, 0.8);
+        let origins = [Vec3::ZERO, Vec3::new(1.0, -0.5, 0.3), Vec3::new(-6.0, 4.0, 5.0)];
+        let mut seen = 0;
+        for light in random_lights().iter().filter(|light| Emitter::covers(light)) {
+            let emitter = Emitter::new(light, &manifest).unwrap();
+            for origin in origins {
+                let above = |direction: Vec3| direction.dot(normal).max(0.0);
+                let of_emitter = |i| {
+                    let sample = emitter.sample(origin, normal, even(i));
+                    sample.map_or(0.0, |sample| f64::from(sample.radiance.x * above(sample.direction)))
+                };
+                let of_sphere = |i| {
+                    let [u, v] = even(i);
+                    let z = 2.0 * u - 1.0;
+                    let direction = around(Vec3::Z, z, (1.0 - z * z).sqrt(), v);
+                    let is_sun = matches!(light.shape, LightShape::Sun { .. });
+                    let collected = emitter.0.profile.evaluate(origin, direction * FAR, is_sun);
+                    f64::from(4.0 * PI * collected * above(direction))
+                };
+                let mean = |of: &dyn Fn(usize) -> f64| (0..COUNT).map(of).sum::<f64>() / COUNT as f64;
+                let (found, expected) = (mean(&of_emitter), mean(&of_sphere));
+                assert!(
+                    (found - expected).abs() < 0.01 * expected + 1e-3,
+                    "{found} for {expected}: {:?} from {origin}",
+                    light.shape
+                );
+                seen += usize::from(expected > 0.01);
+            }
+        }
+        assert!(seen > 60, "{seen} lights were seen");
+    }
+
+    #[test]
+    fn lights_that_not_everything_blocks_are_summed_over_crossings() {
+        let mut light = random_lights()[0].clone();
+        assert!(Emitter::covers(&light));
+        light.lobes.diffuse = 0.0;
+        assert!(!Emitter::covers(&light));
+    }
+}
