@@ -157,7 +157,7 @@ pub struct PictureArgs {
     /// Equirectangular EXR or PNG as another world than the baked one.
     #[arg(long)]
     pub environment: Option<PathBuf>,
-    /// Scene file of the bake: lights, small ones above all, have much less noise with it.
+    /// Scene file of the bake in place of the one in its folder: lights, small ones above all, have much less noise with it.
     #[arg(long)]
     pub scene: Option<PathBuf>,
     /// Do not denoise what is gathered.

@@ -49,8 +49,9 @@ fn write_picture(
     let mut relighter = context.relighter(bake, &context.compute()?)?;
     warn_if_unfinished(&relighter, context);
     change_world(&mut relighter, args, context)?;
-    if let Some(path) = &args.scene {
-        relighter.connect(Arc::new(SceneFile::read(path)?.scene))?;
+    match &args.scene {
+        Some(path) => relighter.connect(Arc::new(SceneFile::read(path)?.scene))?,
+        None => relighter.connect_stored(context.monitor),
     }
     let view = match &args.view {
         Some(path) => ViewTransform::read_lut(path)?,

@@ -9,7 +9,10 @@ use crate::error::SessionError;
 use crate::files::contents;
 use crate::files::folder_lock::FolderLock;
 use crate::files::light_set::LightSet;
-use crate::files::names::{CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, LOCK_FILE, VIEW_FILE, WORLD_FILE};
+use crate::files::names::{
+    CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, LOCK_FILE, SCENE_FILE, VIEW_FILE, WORLD_FILE,
+};
+use crate::files::scene_file::write_scene;
 use crate::progress::{Monitor, Stage};
 use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
 use relume_scene::{Light, Scene};
@@ -136,6 +139,13 @@ pub(crate) fn bake_observed(
     };
     contents::note(&folder.join(Manifest::FILE))?;
     write_lights(&lights, folder)?;
+    let scene_path = folder.join(SCENE_FILE);
+    if !(resume && scene_path.exists()) {
+        // Equal for equal paths, wherever lights stand and however many samples there are.
+        let own =
+            TraceSettings { paths: settings.paths.clone(), seed: settings.seed, ..TraceSettings::default() };
+        write_scene(&scene_path, scene, &own, None)?;
+    }
     let guiding_record =
         if resume { GuidingRecord::of_bake(folder).unwrap_or_default() } else { GuidingRecord::default() };
     let recorder = GuideRecorder {
@@ -340,7 +350,7 @@ pub(crate) fn clear(folder: &Path) -> Result<(), SessionError> {
     remove(
         folder,
         &["tile_", "proxy_", "training_"],
-        &["base.exr", WORLD_FILE, LIGHTS_FILE, GUIDED_FILE, VIEW_FILE, CONTENTS_FILE, LOCK_FILE],
+        &["base.exr", WORLD_FILE, LIGHTS_FILE, GUIDED_FILE, VIEW_FILE, SCENE_FILE, CONTENTS_FILE, LOCK_FILE],
     )
 }
 

@@ -2,7 +2,8 @@
 
 use crate::error::SessionError;
 use crate::files::names::{
-    BASE_FILE, CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, SHOT_FILE, VIEW_FILE, WANTED_FILE, WORLD_FILE,
+    BASE_FILE, CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, SCENE_FILE, SHOT_FILE, VIEW_FILE, WANTED_FILE,
+    WORLD_FILE,
 };
 use relume_dump::Manifest;
 use std::path::Path;
@@ -17,14 +18,14 @@ pub(crate) fn damage_message(path: &Path, reason: &str) -> String {
 /// The reason of an error without the file that it names besides.
 pub(crate) fn reason_of(error: SessionError) -> String {
     match error {
-        SessionError::Lights { reason, .. } => reason,
+        SessionError::Lights { reason, .. } | SessionError::SceneFile { reason, .. } => reason,
         other => other.to_string(),
     }
 }
 
 const OF_PROXIES: &str = "so that lights of this type are summed from the samples: have them learned again";
 
-const EFFECTS: [(&str, &str); 9] = [
+const EFFECTS: [(&str, &str); 10] = [
     (Manifest::FILE, "so that nothing can be made of the bake: restore it, or bake again"),
     (
         LIGHTS_FILE,
@@ -36,6 +37,7 @@ const EFFECTS: [(&str, &str); 9] = [
     ),
     (VIEW_FILE, "so that PNGs have the sRGB curve instead of the scene's view: restore it, or bake again"),
     (WORLD_FILE, "so that the world is shown that the paths were traced with: delete it"),
+    (SCENE_FILE, "so that lights have more noise, small ones above all: delete it, and go on with the bake"),
     (BASE_FILE, "so that proxies do not work without their bake: restore it, or train again"),
     (CONTENTS_FILE, "so that files that are missing or altered are not noticed: restore it, or delete it"),
     (SHOT_FILE, "so that what has changed in the scene since is not noticed: restore it, or bake again"),

@@ -12,6 +12,8 @@ pub const VIEW_FILE: &str = "view.png";
 pub const GUIDED_FILE: &str = "guided.json";
 /// Light of another world than the paths were traced with.
 pub const WORLD_FILE: &str = "world.exr";
+/// Scene that the paths were traced in, for connections ([`crate::device::connections`]).
+pub(crate) const SCENE_FILE: &str = "scene.scene";
 /// Layers that proxies need to relight without the dump.
 pub(crate) const BASE_FILE: &str = "base.exr";
 /// List of the files that the folder should hold beside the paths, so that a lost one is noticed.

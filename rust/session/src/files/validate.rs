@@ -9,10 +9,11 @@ use crate::files::damage::{damage_message, reason_of};
 use crate::files::inspect::info;
 use crate::files::light_set::LightSet;
 use crate::files::names::{
-    BASE_FILE, CONTENTS_FILE, GUIDED_FILE, KINDS, LIGHTS_FILE, SHOT_FILE, VIEW_FILE, WANTED_FILE, WORLD_FILE,
-    measured_path, proxy_path, training_path,
+    BASE_FILE, CONTENTS_FILE, GUIDED_FILE, KINDS, LIGHTS_FILE, SCENE_FILE, SHOT_FILE, VIEW_FILE, WANTED_FILE,
+    WORLD_FILE, measured_path, proxy_path, training_path,
 };
 use crate::files::proxies::{TrainedProxy, read_measured};
+use crate::files::scene_file::SceneFile;
 use crate::files::shot_files::{check_shot, check_wanted};
 use crate::progress::{Monitor, Stage};
 use relume_dump::{Dump, Manifest};
@@ -68,12 +69,13 @@ fn faults_of_files(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let whole = |result: Result<(), SessionError>| result.map_err(reason_of);
     let world = || manifest.map_or(Ok(()), |manifest| WorldLayer::of_bake(folder, manifest).map(drop));
     let view = |path: &Path| ViewTransform::read_lut(path).map(drop).map_err(|error| error.to_string());
-    let files: [(&str, &FileCheck); 8] = [
+    let files: [(&str, &FileCheck); 9] = [
         (CONTENTS_FILE, &|_| contents::fault(folder).map_or(Ok(()), Err)),
         (LIGHTS_FILE, &|path| whole(LightSet::read(path).map(drop))),
         (GUIDED_FILE, &|_| whole(GuidingRecord::of_bake(folder).map(drop))),
         (VIEW_FILE, &view),
         (WORLD_FILE, &|_| whole(world())),
+        (SCENE_FILE, &|path| whole(SceneFile::read(path).map(drop))),
         (BASE_FILE, &|_| whole(base_layers::read(folder).map(drop))),
         (SHOT_FILE, &check_shot),
         (WANTED_FILE, &check_wanted),

@@ -156,10 +156,13 @@ fn noise_of_settled_frames_is_that_of_their_samples() {
     bake(&room(32, 24), &other_paths, &many, false, &Monitor::default()).unwrap();
     let lights = [lamp(0.3), lamp(-0.4)];
     let [seen, reference] = [&few, &many].map(|folder| {
-        let gather = Gather::new(Dump::open(folder).unwrap());
-        let images = gather.unit_images(&gather.prepare_all(&lights).unwrap(), SampleSplit::All);
-        let layers: Vec<_> = images.iter().zip(lights.each_ref().map(|light| light.radiance)).collect();
-        relume_gather::relight((32, 24), &layers)
+        let mut relighter = Relighter::open(folder).unwrap();
+        relighter.connect_stored(&Monitor::default());
+        let options = RelightOptions { denoise: false, ..RelightOptions::default() };
+        let relit = relighter.relight(&lights, &options, &Monitor::default()).unwrap();
+        let mut sum = relit.lights[0].image.clone();
+        sum.add_scaled(&relit.lights[1].image, &[1.0; 3]);
+        sum
     });
     let live = opened(&few, Device::Cpu);
     let frame = settled(&live, live.relight(request(&lights)));

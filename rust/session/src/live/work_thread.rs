@@ -12,8 +12,9 @@ use crate::files::base_layers;
 use crate::files::contents::{self, lost_files};
 use crate::files::damage::{damage_message, reason_of};
 use crate::files::light_set::LightSet;
-use crate::files::names::GUIDED_FILE;
+use crate::files::names::{GUIDED_FILE, SCENE_FILE};
 use crate::files::proxies::Proxies;
+use crate::files::scene_file::SceneFile;
 use crate::progress::{Cancel, Monitor};
 use crate::relight::film::Film;
 use crate::train::settings::{Clock, TrainSettings};
@@ -176,6 +177,23 @@ impl WorkRun {
         }
     }
 
+    /// Makes the scene ready that the folder holds, if it does.
+    fn connect_stored(&self, manifest: &Manifest) {
+        let path = self.folder.join(SCENE_FILE);
+        if !path.exists() {
+            return;
+        }
+        let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
+        match scene.and_then(|scene| Connections::new(scene, manifest, None)) {
+            Ok(Some(connections)) => self.shared.change(|state| {
+                state.connections = Some(Arc::new(connections));
+                state.deliveries += 1;
+            }),
+            Ok(None) => {}
+            Err(error) => self.shared.warn(&damage_message(&path, &reason_of(error))),
+        }
+    }
+
     /// Enters a state without any progress yet.
     fn enter(&self, state: LiveState) {
         self.shared.change(|shared| {
@@ -275,6 +293,7 @@ impl WorkRun {
         });
         self.deliver(dump.passes(0..complete));
         self.deliver_proxies();
+        self.connect_stored(dump.manifest());
         Ok(dump.missing().is_empty())
     }
 

@@ -10,8 +10,9 @@ use crate::error::SessionError;
 use crate::files::base_layers;
 use crate::files::damage::{damage_message, reason_of};
 use crate::files::light_set::LightSet;
-use crate::files::names::{GUIDED_FILE, VIEW_FILE, WORLD_FILE};
+use crate::files::names::{GUIDED_FILE, SCENE_FILE, VIEW_FILE, WORLD_FILE};
 use crate::files::proxies::Proxies;
+use crate::files::scene_file::SceneFile;
 use crate::progress::{Monitor, Stage};
 use crate::relight::denoise::Denoise;
 use crate::relight::film::Film;
@@ -154,6 +155,17 @@ impl Relighter {
             self.units = Mutex::default();
         }
         Ok(())
+    }
+
+    /// [`Self::connect`] in the scene that the bake folder holds, if it does; a warning tells what is wrong with that.
+    pub fn connect_stored(&mut self, monitor: &Monitor) {
+        let path = self.folder.join(SCENE_FILE);
+        if self.gather.is_none() || !path.exists() {
+            return;
+        }
+        if let Err(error) = SceneFile::read(&path).and_then(|file| self.connect(Arc::new(file.scene))) {
+            monitor.warn(&damage_message(&path, &reason_of(error)));
+        }
     }
 
     /// The camera that was baked.
