@@ -14,6 +14,9 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 export NODEVICE_SELECT := 1
 TIMED := $(CURDIR)/scripts/timed
 CARGO := env LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
+# Benchmarks are tested by name: cargo test -p relume-bench. The fuzz targets, which clippy compiles, have no tests, but would have
+# crates built with other features than the wheel's, so that all of it is compiled twice.
+TESTED := --workspace --exclude relume-bench --exclude relume-fuzz
 # CI sets these to --release and --native: tests and the wheel are then of the same build, which is half as much to compile.
 PROFILE ?=
 WHEEL ?=
@@ -66,13 +69,13 @@ test: setup
 	@$(MAKE) --no-print-directory test-rust test-python test-blender window AT_ONCE=2
 
 test-rust: check-rust
-# Benchmarks are tested by name: cargo test -p relume-bench. So is what takes minutes on a software driver; scripts/gpu-check
-# runs all of it on a card. Tests of matrices are for the newest driver.
-	$(TIMED) "Rust tests" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) -- --skip matrices \
+# What takes minutes on a software driver is tested by name; scripts/gpu-check runs all of it on a card. Tests of matrices are for
+# the newest driver.
+	$(TIMED) "Rust tests" $(CARGO) test $(TESTED) $(PROFILE) -- --skip matrices \
 		--skip a_pool_on_the_device_trains_as_one_that_is_not --skip weight_gradients_equal_difference_quotients_of_the_device
 # On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of matrices, and those of the whole chain.
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) --lib -- matrices
-	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) --test gpu
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test $(TESTED) $(PROFILE) --lib -- matrices
+	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test $(TESTED) $(PROFILE) --test gpu
 	@[ -z "$$CI" ] || rm -rf target/tmp
 
 test-python: wheel check-python
