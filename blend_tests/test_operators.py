@@ -109,7 +109,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
     picture = tmp_path / "target.png"
 
     def make():
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         FakeLive.made.clear()
         FakeJob.made.clear()
         FakeWorker.made.clear()
