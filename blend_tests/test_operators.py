@@ -31,7 +31,7 @@ from fake_live import FakeLive
 from fake_solve import FakeJob, light
 from helpers import add_light, add_quad, row, update
 
-pytestmark = pytest.mark.every_version
+pytestmark = pytest.mark.oldest_and_newest
 
 PLAIN = (bool, int, float, str)
 OF_THIS_SESSION = {"uid", "session", "thumbnail"}
