@@ -70,7 +70,7 @@ test: setup
 	@{ scripts/window/setup; scripts/setup $(BLENDERS); } >/dev/null 2>&1 &
 	@$(MAKE) --no-print-directory check-rust rust-here test-python extension-linux
 	@printf '%s\n' rust-on-newest-driver $(BLENDERS:%=blender-%) | xargs -P 3 -I PART $(MAKE) --no-print-directory PART
-	@$(MAKE) --no-print-directory window-built AT_ONCE=2
+	@$(MAKE) --no-print-directory window-built AT_ONCE=3
 
 test-rust: check-rust
 	@$(MAKE) --no-print-directory rust-here rust-on-newest-driver
