@@ -3,7 +3,7 @@
 DEV := $(CURDIR)/.venv-4.2
 PYTHON := $(DEV)/bin/python
 # Blender versions that the tests run on; those whose Python is not here are skipped with a message, but not where CI is set.
-# The newest and the oldest run most tests and come first: they take longest, and two run at a time.
+# The newest and the oldest run most tests and come first: they take longest.
 BLENDERS ?= 5.3 4.2 4.5 5.0 5.2
 WHEELS := $(CURDIR)/build/wheels
 SCENES := $(or $(RELUME_SCENES),$(CURDIR)/../shared/scenes)
@@ -14,12 +14,15 @@ export OIDN_DIR := $(DEV)/lib/python3.11/site-packages/pyoidn/oidn
 export NODEVICE_SELECT := 1
 TIMED := $(CURDIR)/scripts/timed
 CARGO := env LD_LIBRARY_PATH=$(OIDN_DIR)/lib cargo
+# Benchmarks are tested by name: cargo test -p relume-bench. The fuzz targets, which clippy compiles, have no tests, but would have
+# crates built with other features than the wheel's, so that all of it is compiled twice.
+TESTED := --workspace --exclude relume-bench --exclude relume-fuzz
 # CI sets these to --release and --native: tests and the wheel are then of the same build, which is half as much to compile.
 PROFILE ?=
 WHEEL ?=
 NEWEST_DRIVER := CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER=$(CURDIR)/scripts/on-newest-driver
 
-.PHONY: setup check deny wheel extension extension-linux test test-rust test-python test-blender window guide fuzz demo shots parity coverage quality bench bench-gpu solve cases hunt clean
+.PHONY: setup check deny wheel extension extension-linux test test-rust rust-here rust-on-newest-driver test-python test-blender window window-built guide fuzz demo shots parity coverage quality bench bench-gpu solve cases hunt clean
 
 setup:
 	@$(TIMED) set-up scripts/setup
@@ -61,30 +64,47 @@ extension: wheel
 	@scripts/build-extension build/extension "$(WHEELS)" "$(WHEELS)-windows" "$(WHEELS)-macos" "$(WHEELS)-macos-intel"
 
 # What is downloaded for the later parts is fetched while the first ones compile; whoever needs it waits for it, or fetches it anew.
+# Blenders, and the tests of the newest driver beside them, run three at a time: each waits now and then, for a disk, a timer, or a
+# training that yields to all else.
 test: setup
 	@{ scripts/window/setup; scripts/setup $(BLENDERS); } >/dev/null 2>&1 &
-	@$(MAKE) --no-print-directory test-rust test-python test-blender window AT_ONCE=2
+	@$(MAKE) --no-print-directory check-rust rust-here test-python extension-linux
+	@printf '%s\n' rust-on-newest-driver $(BLENDERS:%=blender-%) | xargs -P 3 -I PART $(MAKE) --no-print-directory PART
+	@$(MAKE) --no-print-directory window-built AT_ONCE=3
 
 test-rust: check-rust
-# Benchmarks are tested by name: cargo test -p relume-bench. So is what takes minutes on a software driver; scripts/gpu-check
-# runs all of it on a card. Tests of matrices are for the newest driver.
-	$(TIMED) "Rust tests" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) -- --skip matrices \
+	@$(MAKE) --no-print-directory rust-here rust-on-newest-driver
+
+# What takes minutes on a software driver is tested by name; scripts/gpu-check runs all of it on a card. Tests of matrices are for
+# the newest driver.
+rust-here:
+	$(TIMED) "Rust tests" $(CARGO) test $(TESTED) $(PROFILE) -- --skip matrices \
 		--skip a_pool_on_the_device_trains_as_one_that_is_not --skip weight_gradients_equal_difference_quotients_of_the_device
-# On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of matrices, and those of the whole chain.
-	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) --lib -- matrices
-	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test --workspace --exclude relume-bench $(PROFILE) --test gpu
 	@[ -z "$$CI" ] || rm -rf target/tmp
+
+# On a driver with matrices, with the kernels of shipped builds, which check nothing: tests of matrices, and those of the whole chain.
+rust-on-newest-driver:
+	RELUME_GPU_UNCHECKED=1 $(NEWEST_DRIVER) $(TIMED) "newest driver" $(CARGO) test $(TESTED) $(PROFILE) --lib -- matrices
+	RELUME_GPU_UNCHECKED=1 RELUME_VALIDATE=1 $(NEWEST_DRIVER) $(TIMED) "GPU chain" $(CARGO) test $(TESTED) $(PROFILE) --test gpu
 
 test-python: wheel check-python
 	@scripts/install-wheel "$(WHEELS)" 4.2
 	$(TIMED) tests $(PYTHON) -m pytest tests
 
 test-blender: extension-linux
-	@printf '%s\n' $(BLENDERS) | xargs -P 2 -I VERSION $(TIMED) "Blender VERSION" scripts/test-blender "$(WHEELS)" VERSION
+	@printf '%s\n' $(BLENDERS) | xargs -P 3 -I VERSION $(MAKE) --no-print-directory blender-VERSION
+
+# With the wheel that is built.
+blender-%:
+	@$(TIMED) "Blender $*" scripts/test-blender "$(WHEELS)" $*
 
 # A real Blender with its window, on a virtual display; WINDOW="smoke" for less, AT_ONCE=2 for two side by side, which disturbs their
 # times. Needs root, for chroot.
 window: extension-linux
+	@$(MAKE) --no-print-directory window-built
+
+# With the extension that is built.
+window-built:
 	@RELUME_SCENES="$(SCENES)" $(TIMED) window $(PYTHON) scripts/window/run.py --at-once $(or $(AT_ONCE),1) $(WINDOW)
 
 # The pictures of docs/guide.md, taken anew.

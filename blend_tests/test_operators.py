@@ -31,7 +31,7 @@ from fake_live import FakeLive
 from fake_solve import FakeJob, light
 from helpers import add_light, add_quad, row, update
 
-pytestmark = pytest.mark.every_version
+pytestmark = pytest.mark.oldest_and_newest
 
 PLAIN = (bool, int, float, str)
 OF_THIS_SESSION = {"uid", "session", "thumbnail"}
@@ -109,7 +109,7 @@ def room(registered_for_all_files, others, monkeypatch, tmp_path):
     picture = tmp_path / "target.png"
 
     def make():
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         FakeLive.made.clear()
         FakeJob.made.clear()
         FakeWorker.made.clear()

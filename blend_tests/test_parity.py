@@ -54,7 +54,7 @@ def room(scene):
     return scene
 
 
-def pictures(scene, tmp_path, samples=1536):
+def pictures(scene, tmp_path, samples=768):
     """Gathered and by Cycles, top row first."""
     folder = tmp_path / "bake"
     settings = trace_settings(scene, lambda _: None) | {"samples": samples}
@@ -143,7 +143,7 @@ def test_ray_visibility_of_what_instances(room, tmp_path):
         for collection in obj.users_collection:
             collection.objects.unlink(obj)
         setattr(instancing(room, unlinked(obj.name, obj)), ray, False)
-    assert_equal(*pictures(room, tmp_path))
+    assert_equal(*pictures(room, tmp_path, samples=1536))
 
 
 def test_depth_of_field_and_shift(room, tmp_path):

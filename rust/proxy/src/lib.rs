@@ -61,7 +61,7 @@ mod scene_cache;
 mod schedule;
 mod simd;
 mod snapshot;
-#[cfg(any(test, feature = "synthetic"))]
+#[doc(hidden)]
 pub mod synthetic;
 mod target;
 mod trainer;

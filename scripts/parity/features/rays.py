@@ -56,6 +56,27 @@ def light_rules(scene):
         _add_lamp(scene, rule, number)
 
 
+def linked_meshes(scene):
+    """A tube that shines on one ball alone, one on all but the box, and one whose light passes the box."""
+    grey = stage.hunt.plain_material("Grey", Color=(0.6, 0.6, 0.6, 1.0))
+    chosen = stage.add_ball(scene, "Ball", 0.35, grey, (-0.5, 0.0, -0.6))
+    stage.add_ball(scene, "Other ball", 0.35, grey, (0.3, 0.4, -0.6))
+    box = stage.add_box(scene, "Box", 0.5, grey, (0.9, -0.2, -0.7))
+    for number, (color, kind, obj, state) in enumerate(
+        (
+            ((1.0, 0.3, 0.1, 1.0), "receiver_collection", chosen, "INCLUDE"),
+            ((0.2, 0.9, 0.3, 1.0), "receiver_collection", box, "EXCLUDE"),
+            ((0.2, 0.4, 1.0, 1.0), "blocker_collection", box, "EXCLUDE"),
+        )
+    ):
+        glow = stage.hunt.plain_material(f"Tube {number}", "ShaderNodeEmission", Color=color, Strength=150.0)
+        tube = stage.add_box(scene, f"Tube {number}", 0.25, glow, (0.9 * number - 0.9, -0.6, 0.5))
+        linked = bpy.data.collections.new(f"Linked {number}")
+        linked.objects.link(obj)
+        linked.collection_objects[0].light_linking.link_state = state
+        setattr(tube.light_linking, kind, linked)
+
+
 def _add_lamp(scene, rule, number):
     """A lamp from which the bake learns a rule."""
     light = stage.hunt.add(scene, rule, bpy.data.lights.new(rule, "POINT"))
@@ -76,4 +97,4 @@ def _mixed(name, socket, first, second):
     return material
 
 
-SCENES = {build.__name__: build for build in (shadow_rays, light_path, light_rules)}
+SCENES = {build.__name__: build for build in (shadow_rays, light_path, light_rules, linked_meshes)}

@@ -1,5 +1,7 @@
 """Feature scenes of nodes that look around, of thin films, and of panes. Need `bpy`."""
 
+import math
+
 import bpy
 
 from . import stage
@@ -56,6 +58,58 @@ def thin_films(scene):
     scene.cycles.caustics_reflective = scene.cycles.caustics_refractive = False
 
 
+def dispersion(scene):
+    """Balls of glass that part colours, and a rough box of it, before a window of bright bars. From Blender 5.3 on."""
+    glow, tree, emission = _diffuse("Bars", "ShaderNodeEmission")
+    bars = tree.nodes.new("ShaderNodeTexWave")
+    bars.inputs["Scale"].default_value = 1.2
+    tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Object"], bars.inputs["Vector"])
+    tree.links.new(bars.outputs["Color"], emission.inputs["Color"])
+    window = stage.hunt.add(scene, "Window", stage.hunt.square("Window", 2.4, glow))
+    window.location, window.rotation_euler = (0.0, 1.6, 0.0), (math.pi / 2, 0.0, 0.0)
+    for number, (roughness, abbe_number) in enumerate(((0.0, 10.0), (0.15, 20.0), (0.3, 10.0))):
+        material, _, shader = _diffuse(f"Glass {number}", "ShaderNodeBsdfPrincipled")
+        shader.inputs["Base Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+        shader.inputs["Transmission Weight"].default_value = 1.0
+        shader.inputs["Roughness"].default_value = roughness
+        shader.inputs["Transmission Dispersion Scale"].default_value = 1.0
+        shader.inputs["Transmission Dispersion Abbe Number"].default_value = abbe_number
+        if number < 2:
+            stage.add_ball(scene, f"Glass {number}", 0.4, material, (0.9 * number - 0.9, 0.0, -0.5))
+        else:
+            stage.add_box(scene, f"Glass {number}", 0.6, material, (0.9, 0.0, -0.6)).rotation_euler.z = 0.6
+    scene.cycles.caustics_reflective = scene.cycles.caustics_refractive = False
+
+
+def raycast(scene):
+    """A floor that is red below objects, balls tinted by the distance to what they face. From Blender 5.1 on."""
+    covered, tree, shader = _diffuse("Covered")
+    tint, up = _tint_of_a_ray(tree, shader, "Is Hit", (0.0, 0.0, 1.0))
+    up.inputs["Length"].default_value = 1.5
+    tint.inputs[6].default_value, tint.inputs[7].default_value = (0.7, 0.7, 0.7, 1.0), (0.8, 0.2, 0.1, 1.0)
+    scene.objects["Floor"].data.materials[0] = covered
+    near, tree, shader = _diffuse("Near", "ShaderNodeBsdfPrincipled")
+    tint, aside = _tint_of_a_ray(tree, shader, "Hit Distance", (1.0, 0.0, 0.0))
+    aside.inputs["Length"].default_value = 2.0
+    tint.inputs[6].default_value, tint.inputs[7].default_value = (0.1, 0.2, 0.8, 1.0), (0.9, 0.8, 0.2, 1.0)
+    for x in (-0.9, 0.0):
+        stage.add_ball(scene, "Near", 0.35, near, (x, 0.1, -0.5))
+    grey = stage.hunt.plain_material("Grey", Color=(0.5, 0.5, 0.5, 1.0))
+    stage.add_box(scene, "Grey", 0.6, grey, (0.9, 0.2, -0.3)).rotation_euler.z = 0.4
+
+
+def _tint_of_a_ray(tree, shader, output, direction):
+    """Mixes a shader's colour by what a ray tells; returns the mix and the node of the ray."""
+    mix, cast, towards = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("Mix", "Raycast", "CombineXYZ"))
+    mix.data_type = "RGBA"
+    for socket, value in zip(towards.inputs, direction, strict=True):
+        socket.default_value = value
+    tree.links.new(towards.outputs[0], cast.inputs["Direction"])
+    tree.links.new(cast.outputs[output], mix.inputs[0])
+    tree.links.new(mix.outputs[2], shader.inputs[0])
+    return mix, cast
+
+
 def _diffuse(name, kind="ShaderNodeBsdfDiffuse"):
     """A material of one shader; returns it, its tree and the shader."""
     material, tree, output = stage.hunt.new_material(name)
@@ -65,3 +119,7 @@ def _diffuse(name, kind="ShaderNodeBsdfDiffuse"):
 
 
 SCENES = {build.__name__: build for build in (looking_around, thin_films)}
+if hasattr(bpy.types, "ShaderNodeRaycast"):
+    SCENES["raycast"] = raycast
+if bpy.app.version >= (5, 3, 0):
+    SCENES["dispersion"] = dispersion
