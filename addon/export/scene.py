@@ -268,6 +268,7 @@ class _SceneExporter:
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
             "is_shadow_catcher": obj.is_shadow_catcher or owner.is_shadow_catcher,
             **self._links(owner, materials),
+            "occlusion_distance": occlusion_distance(obj),
             "is_holdout": owner.is_holdout or owner.holdout_get(view_layer=self.view_layer),
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
@@ -361,6 +362,12 @@ def shadow_terminator(obj: bpy.types.Object) -> tuple[float, float]:
         return obj.shadow_terminator_geometry_offset, obj.shadow_terminator_shading_offset
     cycles = getattr(obj, "cycles", None)
     return (cycles.shadow_terminator_geometry_offset, cycles.shadow_terminator_offset) if cycles else (0.1, 0.0)
+
+
+def occlusion_distance(obj: bpy.types.Object) -> float:
+    """Reach of the rays that Fast GI cuts where they leave an object; 0 for that of the world."""
+    cycles = getattr(obj, "cycles", None)
+    return cycles.ao_distance if cycles else 0.0
 
 
 def casts_rays() -> bool:

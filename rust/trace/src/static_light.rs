@@ -47,8 +47,13 @@ pub(crate) struct LastBounce {
 }
 
 impl StaticLights {
-    /// Sampler of static lights; nothing if there is nothing to sample.
-    pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &EnvironmentLight) -> Option<Self> {
+    /// Sampler of static lights; nothing if there is nothing to sample, nor light that Fast GI adds.
+    pub fn new(
+        scene: &Scene,
+        materials: &PreparedMaterials,
+        environment: &EnvironmentLight,
+        fast_gi_adds: bool,
+    ) -> Option<Self> {
         let emitters = Emitters::new(scene, materials);
         let samples_environment = environment.can_sample();
         let by_material: Vec<bool> = (scene.materials.iter())
@@ -60,7 +65,7 @@ impl StaticLights {
             .map(|instance| instance.materials.iter().any(|m| by_material.get(*m) == Some(&true)))
             .collect();
         let any_transparent = transparent.contains(&true);
-        (emitters.is_some() || samples_environment).then_some(Self {
+        (emitters.is_some() || samples_environment || fast_gi_adds).then_some(Self {
             emitters,
             samples_environment,
             transparent,
@@ -120,7 +125,8 @@ impl StaticLights {
             let radiance =
                 tracer.environment.radiance(tracer.scene, tracer.materials, direction, Lobe::Diffuse);
             let factor = factor / survival(on_film * factor * radiance, u[3] / share)?;
-            let through = self.transmittance(tracer, vertex, direction, Goal::Outside, scratch)?;
+            let through =
+                self.transmittance(tracer, vertex, direction, Goal::Open(f32::INFINITY), scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
         let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]], tracer.scene, vertex.time());
@@ -141,6 +147,21 @@ impl StaticLights {
         Some(StaticSample::Emission(factor * through * scratch.emission()))
     }
 
+    /// Light of radiance 1 from all sides that diffuse closures of a vertex scatter, as far as nothing within a `reach` in metres
+    /// blocks it.
+    pub fn sample_open(
+        &self,
+        tracer: &mut ShadowTracer<'_>,
+        vertex: Vertex<'_>,
+        reach: f32,
+        scratch: &mut Surface,
+        u: [f32; 2],
+    ) -> Option<Vec3> {
+        let Vertex::Surface { surface, .. } = vertex else { return None };
+        let (weight, direction) = surface.scatter_open_light(u)?;
+        Some(weight * self.transmittance(tracer, vertex, direction, Goal::Open(reach), scratch)?)
+    }
+
     /// Share of light that comes straight from `goal` to `vertex`; nothing if something is in between. Leaves an emitter's
     /// surface in `scratch`.
     fn transmittance(
@@ -153,7 +174,8 @@ impl StaticLights {
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
         let catchers_only = tracer.catchers_only;
-        let mut ray = Ray { kind: RayKind::Shadow, catchers_only, ..vertex.ray(direction) };
+        let t_max = goal.reach();
+        let mut ray = Ray { kind: RayKind::Shadow, catchers_only, t_max, ..vertex.ray(direction) };
         let shadow = tracer.ray.shadow_from(vertex.position());
         if let Some(media) = &mut tracer.media {
             media.leave_vertex(vertex, direction);
@@ -199,6 +221,7 @@ impl StaticLights {
                 media.cross(&hit, direction);
             }
             offset_origin(&mut ray, &surface_point);
+            ray.t_max -= hit.distance;
         }
         None
     }
@@ -207,8 +230,8 @@ impl StaticLights {
 /// Where a shadow ray goes.
 #[derive(Clone, Copy)]
 enum Goal<'a> {
-    /// Out of the scene.
-    Outside,
+    /// As far as this many metres, beyond which nothing blocks it.
+    Open(f32),
     /// To an instance's triangle that shines; links where not everything blocks its light.
     Emitter { triangle: (u32, u32), links: Option<&'a EmitterLinks> },
 }
@@ -216,8 +239,15 @@ enum Goal<'a> {
 impl Goal<'_> {
     fn triangle(&self) -> Option<(u32, u32)> {
         match self {
-            Self::Outside => None,
+            Self::Open(_) => None,
             Self::Emitter { triangle, .. } => Some(*triangle),
+        }
+    }
+
+    fn reach(&self) -> f32 {
+        match self {
+            Self::Open(reach) => *reach,
+            Self::Emitter { .. } => f32::INFINITY,
         }
     }
 
