@@ -172,7 +172,7 @@ class _SceneExporter:
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
-            if obj.type != "LIGHT" and self.culling.leaves_out(instance):
+            if obj.type != "LIGHT" and (self.culling.leaves_out(instance) or self.motion.hides(instance)):
                 continue
             if instance.show_particles and self.view_layer.use_strand:
                 for strands in self.curves.of_particles(obj, self._move(instance)):
@@ -194,6 +194,9 @@ class _SceneExporter:
                     self._export_strands(instance, strands)
             elif obj.type == "POINTCLOUD" and (cloud := self.points.of_cloud(obj, self._move(instance))) is not None:
                 self._place(instance, _Placed("points", *cloud))
+        for name in sorted(self.motion.regrown):
+            words = "particle hair whose number of keys changes while the shutter is open stands still in part"
+            self.builder.warn(f"object '{name}': {words}")
         if any(shared.settings["is_shadow_catcher"] for shared in self.shared.values()):
             for name in self.lights.not_on_catchers:
                 self.builder.warn(f"light '{name}': it cannot be kept from shadow catchers; it lights them too")

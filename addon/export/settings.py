@@ -9,7 +9,6 @@ import bpy
 
 from .view_layer import render_layer
 
-
 FARTHEST = 1e6
 """Metres beyond which nothing of a scene is looked for nearby."""
 
