@@ -21,6 +21,9 @@ MARCHING = "of Cycles' steps through media, of which Relume has none"
 CAUSTICS = "of shadow caustics, which each light that asks for them names"
 IN_F12 = "approximated: Blender adds it to F12 with Relume; live pictures and bakes are without it, which is named"
 SAME = "another unit or name of a property that is read"
+FAST_GI = (
+    "approximated: large lamps beyond its distance are brighter, and scenes with volumes are without; both are named"
+)
 STAMP = "words burnt into the picture's file"
 
 LIGHT = {
@@ -60,10 +63,11 @@ TABLE = {
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
-        "use_fast_gi fast_gi_method ao_bounces_render "
+        "fast_gi_method ao_bounces_render "
         "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin dicing_* "
         "max_subdivisions offscreen_*",
         READ + " for adaptive subdivision": "feature_set",
+        FAST_GI: "use_fast_gi",
         NAMED: "sample_clamp_* texture_limit_render texture_resolution_render",
         "of nodes with scripts, which are named": "shading_system",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "

@@ -208,8 +208,11 @@ def test_settings_are_those_of_cycles(shot):
 
 @pytest.mark.parametrize("method", ["REPLACE", "ADD"])
 def test_fast_gi_is_read_as_cycles_heeds_it(shot, method):
+    warnings, lamp = [], shot.objects["Key"].data.cycles
+    lamp.use_multiple_importance_sampling = False
+
     def found():
-        return trace_settings(shot, pytest.fail)["paths"].get("fast_gi")
+        return trace_settings(shot, warnings.append)["paths"].get("fast_gi")
 
     assert found() is None
     light = shot.world.light_settings
@@ -217,7 +220,9 @@ def test_fast_gi_is_read_as_cycles_heeds_it(shot, method):
     shot.cycles.use_fast_gi, shot.cycles.fast_gi_method, shot.cycles.ao_bounces_render = True, method, 2
     shared = {"distance": 0.5, "factor": 0.25}
     replaced = {"method": "replace", "bounces": 2, **shared}
-    assert found() == (replaced if method == "REPLACE" else {"method": "add", **shared})
+    assert found() == (replaced if method == "REPLACE" else {"method": "add", **shared}) and not warnings
+    lamp.use_multiple_importance_sampling = True
+    assert found() and any("large lamps" in warning for warning in warnings) == (method == "REPLACE")
     shot.cycles.ao_bounces_render = 0
     assert (found() is None) == (method == "REPLACE")
     shot.cycles.ao_bounces_render, light.ao_factor = 2, 0.0

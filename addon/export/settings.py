@@ -47,12 +47,12 @@ def trace_settings(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[
             "film_exposure": cycles.film_exposure,
             "film_transparent": scene.render.film_transparent,
             **(glass if scene.render.film_transparent else {}),
-            **_fast_gi(scene),
+            **_fast_gi(scene, warn),
         },
     }
 
 
-def _fast_gi(scene: bpy.types.Scene) -> dict[str, Any]:
+def _fast_gi(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[str, Any]:
     """Fast GI Approximation, in the cases in which Cycles heeds it."""
     cycles, world = scene.cycles, render_layer(scene).world_override or scene.world
     if not cycles.use_fast_gi or world is None or world.light_settings.ao_factor == 0.0:
@@ -61,7 +61,15 @@ def _fast_gi(scene: bpy.types.Scene) -> dict[str, Any]:
     if cycles.fast_gi_method == "ADD":
         return {"fast_gi": {"method": "add", **shared}}
     bounces = cycles.ao_bounces_render
-    return {"fast_gi": {"method": "replace", "bounces": bounces, **shared}} if bounces else {}
+    if not bounces:
+        return {}
+    lamps = (obj.data.cycles for obj in scene.objects if obj.type == "LIGHT")
+    if any(lamp.use_multiple_importance_sampling for lamp in lamps):
+        warn(
+            f"scene '{scene.name}': large lamps beyond the distance of Fast GI Approximation are brighter than in "
+            "Cycles, whose shortened rays miss them, unless their Multiple Importance is off"
+        )
+    return {"fast_gi": {"method": "replace", "bounces": bounces, **shared}}
 
 
 def _pixel_filter(scene: bpy.types.Scene, warn: Callable[[str], None]) -> dict[str, Any]:

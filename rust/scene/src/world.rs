@@ -37,6 +37,11 @@ pub struct WorldPart {
 }
 
 impl World {
+    /// True if no ray sees light of it.
+    pub fn is_dark(&self) -> bool {
+        self.color == [0.0; 3] && self.parts.iter().all(|part| part.color == [0.0; 3])
+    }
+
     /// Rays that see its own light, not a part, in the order of [`WorldPart::rays`].
     pub fn rays(&self) -> [bool; 5] {
         let in_part = |kind: usize| self.parts.iter().any(|part| part.rays[kind]);

@@ -16,7 +16,7 @@ pub(crate) struct LightClasses {
 }
 
 /// Classes that the lights and the film of a scene need; nothing if they have no rules, glass is none of the film's, and Fast GI
-/// cuts no rays.
+/// cuts no rays, and of an empty scene.
 ///
 /// # Errors
 /// A warning if there are more classes than a segment's number can tell.
@@ -26,7 +26,8 @@ pub(crate) fn segment_classes(
 ) -> Result<Option<SegmentClasses>, String> {
     let rules = || scene.lights.iter().map(|light| &light.rules);
     let (film_glass, fast_gi) = (settings.shows_through_glass(), settings.cuts_rays());
-    if rules().all(LightRules::is_default) && !film_glass && !fast_gi {
+    let is_plain = rules().all(LightRules::is_default) && !film_glass && !fast_gi;
+    if is_plain || scene.instances.is_empty() {
         return Ok(None);
     }
     let mut classes = SegmentClasses {

@@ -81,6 +81,9 @@ pub struct Control<'a> {
     pub lights: Option<Box<dyn Fn(usize) -> Vec<Light> + Sync + Send + 'a>>,
 }
 
+const FAST_GI_OF_TEXTURES: &str =
+    "Fast GI Approximation takes other shares of the light of a world with textures than Cycles does";
+
 const FAST_GI_IN_MEDIA: &str =
     "Fast GI Approximation replaces no bounce in a scene with volumes: every bounce is traced";
 
@@ -128,6 +131,11 @@ impl<'a> Tracer<'a> {
         let media = Media::new(scene, &materials, &guide_targets(scene, settings), &mut warnings);
         if paths.cuts_rays() && media.is_some() {
             warnings.push(FAST_GI_IN_MEDIA.into());
+        }
+        let world = &scene.world;
+        let is_textured = world.texture.is_some() || world.parts.iter().any(|part| part.texture.is_some());
+        if paths.cuts_rays() && is_textured {
+            warnings.push(FAST_GI_OF_TEXTURES.into());
         }
         if paths.cuts_rays() && (media.is_some() || classes.is_none()) {
             paths.fast_gi = None;
