@@ -214,6 +214,7 @@ def test_fast_gi_is_read_as_cycles_heeds_it(shot, method):
     def found():
         return trace_settings(shot, warnings.append)["paths"].get("fast_gi")
 
+    add_world(shot)
     assert found() is None
     light = shot.world.light_settings
     light.distance, light.ao_factor = 0.5, 0.25

@@ -248,7 +248,7 @@ impl SceneBuilder {
         }
         let Scene { instances, world, warnings, .. } = &mut self.scene;
         if instances.is_empty() {
-            if world.is_dark() || world.volume.is_some() {
+            if !world.shows_alone() {
                 return Err(BuildError::Empty);
             }
             warnings.push(ONLY_WORLD.into());
