@@ -18,10 +18,12 @@ BY_DEPSGRAPH = "done by Blender before the scene is read"
 HAIR = "of hair"
 """Not supported: each object or scene that has it is named."""
 MARCHING = "of Cycles' steps through media, of which Relume has none"
-FAST_GI = "of Fast GI Approximation, which is named itself"
 CAUSTICS = "of shadow caustics, which each light that asks for them names"
 IN_F12 = "approximated: Blender adds it to F12 with Relume; live pictures and bakes are without it, which is named"
 SAME = "another unit or name of a property that is read"
+FAST_GI = (
+    "approximated: large lamps beyond its distance are brighter, and scenes with volumes are without; both are named"
+)
 STAMP = "words burnt into the picture's file"
 
 LIGHT = {
@@ -61,10 +63,12 @@ TABLE = {
     "CyclesRenderSettings": {
         READ: "samples max_bounces *_bounces min_* transparent_max_bounces caustics_* blur_glossy film_exposure "
         "pixel_filter_type filter_width film_transparent_* seed diffuse_bounces glossy_bounces transmission_bounces "
+        "fast_gi_method ao_bounces_render "
         "rolling_shutter_* use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin dicing_* "
         "max_subdivisions offscreen_*",
         READ + " for adaptive subdivision": "feature_set",
-        NAMED: "sample_clamp_* use_fast_gi texture_limit_render texture_resolution_render",
+        FAST_GI: "use_fast_gi",
+        NAMED: "sample_clamp_* texture_limit_render texture_resolution_render",
         "of nodes with scripts, which are named": "shading_system",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
         "use_adaptive_sampling adaptive_* direct_light_sampling_type use_light_tree use_guiding* "
@@ -73,7 +77,6 @@ TABLE = {
         "use_pixel_jitter",
         "Relume has its own denoiser": "use_denoising denoiser denoising_*",
         VIEWS: "preview_* use_preview_* texture_limit texture_resolution ao_bounces",
-        FAST_GI: "fast_gi_method ao_bounces_render",
         MARCHING: "volume_*",
         BAKED: "bake_type",
         "for who develops Cycles": "debug_*",
@@ -82,7 +85,7 @@ TABLE = {
         READ: "material_override world_override use_sky use_solid layer_collection objects use cycles",
         READ + ": without it nothing of its kind is named": "use_strand use_volumes use_motion_blur use_grease_pencil",
         NOISE: "samples",
-        FAST_GI: "use_ao",
+        "Cycles does not read it": "use_ao",
         EEVEE: "eevee",
         IN_F12: "use_freestyle freestyle_settings",
         OUTPUT: "name pass_alpha_threshold aovs active_aov* lightgroups active_lightgroup* use_pass_* "
@@ -119,9 +122,8 @@ TABLE = {
     },
     "CyclesObjectSettings": {
         READ: "use_motion_blur use_deform_motion motion_steps use_camera_cull use_distance_cull "
-        "use_adaptive_subdivision dicing_rate",
+        "use_adaptive_subdivision dicing_rate ao_distance",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
-        FAST_GI: "ao_distance",
         CAUSTICS: "is_caustics_*",
     },
     "ObjectLightLinking": {READ: "receiver_collection blocker_collection"},
@@ -142,9 +144,8 @@ TABLE = {
         "of Cycles' memory: ours are whole floats": "precision",
     },
     "World": {
-        READ: "color node_tree use_nodes cycles cycles_visibility",
+        READ: "color node_tree use_nodes cycles cycles_visibility light_settings",
         EEVEE: "use_eevee_finite_volume probe_resolution sun_* use_sun_*",
-        FAST_GI: "light_settings",
         OUTPUT: "mist_settings lightgroup",
         BY_DEPSGRAPH: "animation_data",
     },
@@ -155,7 +156,7 @@ TABLE = {
         MARCHING: "homogeneous_volume volume_*",
     },
     "CyclesVisibilitySettings": {READ: "camera diffuse glossy transmission scatter", NOISE: "shadow"},
-    "WorldLighting": {FAST_GI: "ao_factor distance"},
+    "WorldLighting": {READ: "ao_factor distance"},
     "Material": {
         READ: "node_tree use_nodes diffuse_color pass_index cycles use_transparent_shadow displacement_method",
         EEVEE: "surface_render_method blend_method shadow_method alpha_threshold use_transparency_overlap "

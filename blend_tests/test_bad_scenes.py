@@ -10,7 +10,8 @@ import pytest
 import relume
 
 from addon.commands import run
-from helpers import add_light, add_material, add_quad
+from addon.engine.reading.scene import load_scene
+from helpers import add_light, add_material, add_quad, add_world, render_cycles
 
 pytestmark = pytest.mark.oldest_and_newest
 
@@ -125,6 +126,19 @@ def test_small_damage_is_named_and_the_rest_is_baked(shot, tmp_path, capsys, spo
     assert code == 0
     assert any(word in event["message"] for event in events if event["event"] == "warning") or not word
     relume.validate(tmp_path / "bake")
+
+
+@pytest.mark.parametrize("fast_gi", [False, True])
+def test_where_nothing_but_the_world_is_left_it_is_rendered_as_by_cycles(shot, tmp_path, capsys, fast_gi):
+    add_world(shot)
+    bpy.data.objects.remove(shot.objects["Key"])
+    shot.view_layers[0].use_solid, shot.cycles.use_fast_gi = False, fast_gi
+    code, events = bake(tmp_path / "bake", capsys)
+    warnings = [event["message"] for event in events if event["event"] == "warning"]
+    assert code == 0 and any("nothing to render but its world" in warning for warning in warnings)
+    lights = load_scene(shot).lights()
+    ours = relume.Relighter(tmp_path / "bake").relight(lights, denoise=False)["combined"]
+    assert ours.shape[:2] == (12, 16) and abs(ours - render_cycles(shot, 1)).max() < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -206,11 +206,30 @@ def test_settings_are_those_of_cycles(shot):
     assert len(warnings) == 1 and "clamping" in warnings[0]
 
 
-def test_settings_that_paths_cannot_have_are_named(shot):
-    shot.cycles.use_fast_gi = True
-    warnings = []
-    trace_settings(shot, warnings.append)
-    assert len(warnings) == 1 and "Fast GI" in warnings[0]
+@pytest.mark.parametrize("method", ["REPLACE", "ADD"])
+def test_fast_gi_is_read_as_cycles_heeds_it(shot, method):
+    warnings, lamp = [], shot.objects["Key"].data.cycles
+    lamp.use_multiple_importance_sampling = False
+
+    def found():
+        return trace_settings(shot, warnings.append)["paths"].get("fast_gi")
+
+    add_world(shot)
+    assert found() is None
+    light = shot.world.light_settings
+    light.distance, light.ao_factor = 0.5, 0.25
+    shot.cycles.use_fast_gi, shot.cycles.fast_gi_method, shot.cycles.ao_bounces_render = True, method, 2
+    shared = {"distance": 0.5, "factor": 0.25}
+    replaced = {"method": "replace", "bounces": 2, **shared}
+    assert found() == (replaced if method == "REPLACE" else {"method": "add", **shared}) and not warnings
+    lamp.use_multiple_importance_sampling = True
+    assert found() and any("large lamps" in warning for warning in warnings) == (method == "REPLACE")
+    shot.cycles.ao_bounces_render = 0
+    assert (found() is None) == (method == "REPLACE")
+    shot.cycles.ao_bounces_render, light.ao_factor = 2, 0.0
+    assert found() is None
+    light.ao_factor, shot.world = 0.25, None
+    assert found() is None
 
 
 def test_view_table_holds_the_view_transform(shot, tmp_path):

@@ -144,6 +144,37 @@ def test_a_plate_is_blurred_as_in_cycles(scene, position, tmp_path):
     assert cycles.max() > 0.3
 
 
+@pytest.mark.parametrize("birth, lifetime, is_there", [(9.6, 50.0, True), (9.9, 50.0, False), (1.0, 9.1, False)])
+def test_particles_that_do_not_live_all_the_while_are_left_out_as_by_cycles(blurred, birth, lifetime, is_there):
+    shown = add_quad(blurred, "Shown", 1.0, glowing())
+    shown.location.x = 100.0
+    emitter = add_quad(blurred, "Emitter", size=0.01)
+    emitter.show_instancer_for_render = False
+    emitter.modifiers.new("Particles", "PARTICLE_SYSTEM")
+    settings = emitter.particle_systems[0].settings
+    settings.count, settings.lifetime, settings.frame_start, settings.frame_end = 1, lifetime, birth, birth
+    settings.normal_factor = settings.effector_weights.gravity = 0.0
+    settings.render_type, settings.instance_object, settings.particle_size = "OBJECT", shown, 1.0
+    for frame in range(1, FRAME + 1):
+        blurred.frame_set(frame)
+    names = [instance["name"] for instance in exported(blurred)["instances"]]
+    assert names.count("Shown") == 1 + is_there
+    assert (render_cycles(blurred, 16).max() > 0.1) == is_there
+
+
+def test_particle_hair_with_other_keys_in_the_interval_is_named(blurred):
+    emitter = add_quad(blurred, "Furry")
+    emitter.modifiers.new("Hair", "PARTICLE_SYSTEM")
+    settings = emitter.particle_systems[0].settings
+    settings.type, settings.count = "HAIR", 3
+    assert not any("Furry" in warning for warning in load_scene(blurred).warnings)
+    for frame, steps in ((FRAME, 2), (FRAME + 0.1, 3)):
+        settings.render_step = steps
+        settings.keyframe_insert("render_step", frame=frame)
+    blurred.frame_set(FRAME)
+    assert any("Furry" in warning and "number of keys" in warning for warning in load_scene(blurred).warnings)
+
+
 def test_changes_of_the_motion_are_noticed(blurred):
     quad = add_quad(blurred, "Quad")
     animate(quad, "location", (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0))

@@ -77,7 +77,6 @@ def set_light(name, value):
         (second_layer, "of its view layers only 'ViewLayer' is in the picture, not 'Foreground'"),
         (smaller_textures, "scene 'Scene': the texture limit of Simplify"),
         (set_cycles("sample_clamp_direct", 1.0), "clamping"),
-        (set_cycles("use_fast_gi", True), "Fast GI"),
         (set_light("is_caustics_light", True), "light 'Lamp'"),
     ],
     ids=lambda value: getattr(value, "__name__", None),

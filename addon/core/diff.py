@@ -25,6 +25,7 @@ PARTS = {
     ("object", "linking"): "Light linking of '{name}' was changed",
     ("object", "holdout"): "Holdout of '{name}' was switched on or off",
     ("object", "catcher"): "Shadow Catcher of '{name}' was switched on or off",
+    ("object", "occlusion"): "Fast GI's distance of '{name}' changed",
     ("object", "shading"): "Colour, pass index or shadow terminator of '{name}' changed",
     ("object", "attributes"): "Custom properties of '{name}' changed",
     ("object", "subdivision"): "Adaptive subdivision of '{name}' changed",

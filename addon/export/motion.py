@@ -91,6 +91,10 @@ class Settings(NamedTuple):
         """Steps of the interval on which its keys are."""
         return [step * TICKS // (self.keys - 1) for step in range(self.keys)]
 
+    def others(self) -> set[int]:
+        """Those steps but for the middle."""
+        return set(self.ticks()) - {CENTER}
+
 
 def settings_of(obj: bpy.types.Object, owner: bpy.types.Object) -> Settings:
     """Settings of an object, shown by an owner: both allow motion, and the one with more steps counts."""
@@ -144,6 +148,16 @@ class Motion:
     lenses: dict[int, float] = field(default_factory=dict)
     is_used: bool = False
     """True once something moves."""
+    regrown: set[str] = field(default_factory=set)
+    """Names of objects whose particle hair has other keys elsewhere in the shutter's interval."""
+
+    def hides(self, instance: bpy.types.DepsgraphObjectInstance) -> bool:
+        """True for what a particle shows that does not live through all keys: Cycles leaves it out."""
+        key = key_of(instance)
+        settings = self.settings.get(key)
+        if settings is None or not instance.is_instance or instance.particle_system is None:
+            return False
+        return not self.matrices.get(key, {}).keys() >= settings.others()
 
     def of_instance(self, instance: bpy.types.DepsgraphObjectInstance) -> list[Rows]:
         """Matrices of an instance at its keys; none if it stands still."""
@@ -177,6 +191,8 @@ class Motion:
         else:
             found = self.shapes.get((key, part), {})
             places = [found.get(tick, now) if tick != CENTER else now for tick in settings.ticks()] if found else []
+            if part and any(tick not in found or found[tick].shape != now.shape for tick in settings.others()):
+                self.regrown.add(instance.object.name)
             places = [place if _fits(place, now) else now for place in places]
         if all(np.array_equal(place, now) for place in places):
             return {}

@@ -172,7 +172,7 @@ class _SceneExporter:
         for instance in self.depsgraph.object_instances:
             obj = instance.object
             uid = obj.original.session_uid
-            if obj.type != "LIGHT" and self.culling.leaves_out(instance):
+            if obj.type != "LIGHT" and (self.culling.leaves_out(instance) or self.motion.hides(instance)):
                 continue
             if instance.show_particles and self.view_layer.use_strand:
                 for strands in self.curves.of_particles(obj, self._move(instance)):
@@ -194,6 +194,9 @@ class _SceneExporter:
                     self._export_strands(instance, strands)
             elif obj.type == "POINTCLOUD" and (cloud := self.points.of_cloud(obj, self._move(instance))) is not None:
                 self._place(instance, _Placed("points", *cloud))
+        for name in sorted(self.motion.regrown):
+            words = "particle hair whose number of keys changes while the shutter is open stands still in part"
+            self.builder.warn(f"object '{name}': {words}")
         if any(shared.settings["is_shadow_catcher"] for shared in self.shared.values()):
             for name in self.lights.not_on_catchers:
                 self.builder.warn(f"light '{name}': it cannot be kept from shadow catchers; it lights them too")
@@ -268,6 +271,7 @@ class _SceneExporter:
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
             "is_shadow_catcher": obj.is_shadow_catcher or owner.is_shadow_catcher,
             **self._links(owner, materials),
+            "occlusion_distance": occlusion_distance(obj),
             "is_holdout": owner.is_holdout or owner.holdout_get(view_layer=self.view_layer),
             "visible_volume_scatter": obj.visible_volume_scatter and owner.visible_volume_scatter,
         }
@@ -361,6 +365,12 @@ def shadow_terminator(obj: bpy.types.Object) -> tuple[float, float]:
         return obj.shadow_terminator_geometry_offset, obj.shadow_terminator_shading_offset
     cycles = getattr(obj, "cycles", None)
     return (cycles.shadow_terminator_geometry_offset, cycles.shadow_terminator_offset) if cycles else (0.1, 0.0)
+
+
+def occlusion_distance(obj: bpy.types.Object) -> float:
+    """Reach of the rays that Fast GI cuts where they leave an object; 0 for that of the world."""
+    cycles = getattr(obj, "cycles", None)
+    return cycles.ao_distance if cycles else 0.0
 
 
 def casts_rays() -> bool:

@@ -26,7 +26,7 @@ CYCLES_RENDER_PANELS = ("CYCLES_RENDER_PT_light_paths", "CYCLES_RENDER_PT_film",
 """Panels of Cycles' render settings that concern a bake too; its other panels are for materials, lights and so on."""
 CYCLES_VIEW_PANELS = "CYCLES_VIEW3D_PT_shading"
 """Panels of Cycles' own pictures in a view, which nothing of Relume follows."""
-WITHOUT = ("CYCLES_RENDER_PT_light_paths_clamping", "CYCLES_RENDER_PT_light_paths_fast_gi")
+WITHOUT = ("CYCLES_RENDER_PT_light_paths_clamping",)
 
 _own_sets: list[Any] = []
 """Panels that were given a set of engines of their own."""

@@ -30,7 +30,7 @@ from ...export.materials.graph import used_tree
 from ...export.motion import motion_settings
 from ...export.object_attributes import find_rgba
 from ...export.plain import plain
-from ...export.scene import shadow_terminator
+from ...export.scene import occlusion_distance, shadow_terminator
 from ...export.view_layer import render_layer
 from ...export.working_space import working_space
 from ...export.world import world_of
@@ -248,6 +248,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
         found["holdout"] = "on"
     if obj.is_shadow_catcher and obj.type != "LIGHT":
         found["catcher"] = "on"
+    if distance := occlusion_distance(obj):
+        found["occlusion"] = f"{distance:.6g}"
     if (cycles := getattr(obj, "cycles", None)) and any(getattr(cycles, switch, False) for switch in SWITCHES):
         found["culling"] = hashed([getattr(cycles, switch) for switch in SWITCHES])
     if linked := _linked(obj):

@@ -11,6 +11,9 @@ pub struct SegmentClasses {
     /// True if segments behind glass that a transparent film shows through are told apart: no world is seen there.
     #[serde(default, skip_serializing_if = "is_false")]
     pub film_glass: bool,
+    /// True if rays that Fast GI cuts meet the world and nothing else at their end: it has segments of its own, and lights theirs.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub fast_gi: bool,
 }
 
 fn is_false(value: &bool) -> bool {
@@ -24,24 +27,26 @@ pub enum Sight {
     Shadow,
     /// A ray of the camera, a mirror or clear glass, which alone can find a light.
     Singular,
+    /// A ray that Fast GI cut, along which the world counts and no light does.
+    World,
     /// A shadow ray that only one of the sets of blockers stops.
     Linked(usize),
-    /// [`Sight::Shadow`] behind glass that a transparent film shows through.
-    ShadowBehindGlass,
-    /// [`Sight::Singular`] behind glass that a transparent film shows through.
-    SingularBehindGlass,
+    /// [`Sight::Shadow`] where no world counts: behind glass that a transparent film shows through, or beside [`Sight::World`].
+    ShadowWithoutWorld,
+    /// [`Sight::Singular`] where no world counts.
+    SingularWithoutWorld,
 }
 
 impl SegmentClasses {
     /// Number of classes.
     pub fn count(&self) -> usize {
-        let behind_glass = if self.film_glass { 2 } else { 0 };
-        (2 + self.blockers.len() + behind_glass).saturating_mul(self.intervals())
+        let without_world = if self.film_glass || self.fast_gi { 2 } else { 0 };
+        (self.rows_with_world() + self.blockers.len() + without_world).saturating_mul(self.intervals())
     }
 
     /// First class of segments along which no world is seen.
     pub fn first_without_world(&self) -> usize {
-        2 * self.intervals()
+        self.rows_with_world() * self.intervals()
     }
 
     /// Number of the class of segments from a vertex with so many bounces before it.
@@ -49,9 +54,10 @@ impl SegmentClasses {
         let row = match sight {
             Sight::Shadow => 0,
             Sight::Singular => 1,
-            Sight::Linked(set) => 2 + set,
-            Sight::ShadowBehindGlass => 2 + self.blockers.len(),
-            Sight::SingularBehindGlass => 3 + self.blockers.len(),
+            Sight::World => 2,
+            Sight::Linked(set) => self.rows_with_world() + set,
+            Sight::ShadowWithoutWorld => self.rows_with_world() + self.blockers.len(),
+            Sight::SingularWithoutWorld => self.rows_with_world() + self.blockers.len() + 1,
         };
         row * self.intervals() + self.bounce_limits.partition_point(|limit| *limit < bounces)
     }
@@ -59,14 +65,19 @@ impl SegmentClasses {
     /// Ray that the segments of a class stand for, and the most bounces before them; none without limit.
     pub fn rules(&self, class: usize) -> (Sight, Option<u32>) {
         let (row, interval) = (class / self.intervals(), class % self.intervals());
-        let sight = match row.checked_sub(2 + self.blockers.len()) {
-            None if row == 0 => Sight::Shadow,
-            None if row == 1 => Sight::Singular,
-            None => Sight::Linked(row - 2),
-            Some(0) => Sight::ShadowBehindGlass,
-            Some(_) => Sight::SingularBehindGlass,
+        let sight = match (row, row.checked_sub(self.rows_with_world())) {
+            (0, _) => Sight::Shadow,
+            (1, _) => Sight::Singular,
+            (_, None) => Sight::World,
+            (_, Some(set)) if set < self.blockers.len() => Sight::Linked(set),
+            (_, Some(rest)) if rest == self.blockers.len() => Sight::ShadowWithoutWorld,
+            _ => Sight::SingularWithoutWorld,
         };
         (sight, self.bounce_limits.get(interval).copied())
+    }
+
+    fn rows_with_world(&self) -> usize {
+        if self.fast_gi { 3 } else { 2 }
     }
 
     fn intervals(&self) -> usize {
@@ -107,21 +118,22 @@ mod tests {
     #[test]
     fn each_class_has_its_rules() {
         let blockers = vec![vec![], vec![2, 5]];
-        let classes = SegmentClasses { bounce_limits: vec![0, 3], blockers, film_glass: true };
-        assert_eq!(classes.count(), 18);
+        let classes = SegmentClasses { bounce_limits: vec![0, 3], blockers, film_glass: true, fast_gi: true };
+        assert_eq!(classes.count(), 21);
         for (sight, bounces, most) in [
             (Sight::Shadow, 0, Some(0)),
             (Sight::Shadow, 1, Some(3)),
             (Sight::Singular, 3, Some(3)),
             (Sight::Linked(0), 4, None),
             (Sight::Linked(1), 0, Some(0)),
-            (Sight::ShadowBehindGlass, 4, None),
-            (Sight::SingularBehindGlass, 2, Some(3)),
+            (Sight::World, 2, Some(3)),
+            (Sight::ShadowWithoutWorld, 4, None),
+            (Sight::SingularWithoutWorld, 2, Some(3)),
         ] {
             let class = classes.class(sight, bounces);
             assert!(class < classes.count());
             assert_eq!(classes.rules(class), (sight, most));
-            let sees_world = matches!(sight, Sight::Shadow | Sight::Singular);
+            let sees_world = matches!(sight, Sight::Shadow | Sight::Singular | Sight::World);
             assert_eq!(class < classes.first_without_world(), sees_world, "{sight:?}");
         }
     }

@@ -36,8 +36,9 @@ fn counts(light: &Light, classes: &SegmentClasses, class: usize) -> bool {
     let (sight, most_bounces) = classes.rules(class);
     let is_near = rules.max_bounces.is_none_or(|limit| most_bounces.is_some_and(|most| most <= limit));
     match sight {
-        Sight::Singular | Sight::SingularBehindGlass => !rules.is_sampled_only,
-        Sight::Shadow | Sight::ShadowBehindGlass => set.is_none() && is_near,
+        Sight::Singular | Sight::SingularWithoutWorld => !rules.is_sampled_only,
+        Sight::Shadow | Sight::ShadowWithoutWorld => set.is_none() && is_near,
+        Sight::World => false,
         Sight::Linked(linked) => set == Some(linked) && is_near,
     }
 }

@@ -175,7 +175,7 @@ fn summary(scene: &scene::Scene) -> serde_json::Value {
             "shadow_terminator_shading": i.shadow_terminator_shading,
             "visibility": [i.visible_camera, i.visible_diffuse, i.visible_glossy, i.visible_transmission],
             "visible_volume_scatter": i.visible_volume_scatter, "visible_shadow": i.visible_shadow, "is_holdout": i.is_holdout, "is_shadow_catcher": i.is_shadow_catcher, "links": i.links,
-            "density_factor": i.density_factor,
+            "density_factor": i.density_factor, "occlusion_distance": i.occlusion_distance,
             "motion_keys": i.motion.len(),
         })).collect::<Vec<_>>(),
         "curves": scene.curves.iter().map(|c| serde_json::json!({

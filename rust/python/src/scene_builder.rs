@@ -189,7 +189,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, is_shadow_catcher=false, links=None, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, is_shadow_catcher=false, links=None, occlusion_distance=0.0, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -210,6 +210,7 @@ impl PySceneBuilder {
         is_holdout: bool,
         is_shadow_catcher: bool,
         links: Option<Links>,
+        occlusion_distance: f32,
         density_factor: f32,
         grids: Option<usize>,
         attributes: Vec<(String, [f32; 4])>,
@@ -238,6 +239,7 @@ impl PySceneBuilder {
             is_holdout,
             is_shadow_catcher,
             links: links.map(emitter_links),
+            occlusion_distance,
             density_factor,
             grids,
             attributes,

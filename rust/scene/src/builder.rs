@@ -17,13 +17,15 @@ pub struct SceneBuilder {
     has_camera: bool,
 }
 
+const ONLY_WORLD: &str = "the scene has nothing to render but its world; check that objects are enabled for renders, and Surfaces in the view layer";
+
 /// Why a scene was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BuildError {
     /// No camera was set.
     #[error("the scene has no camera; add one and make it the scene's camera, or name one")]
     NoCamera,
-    /// No instance was added.
+    /// No instance was added, and the world is dark, or a medium without end.
     #[error(
         "the scene has nothing to render; check that objects are enabled for renders, and Surfaces in the view layer"
     )]
@@ -240,12 +242,16 @@ impl SceneBuilder {
     }
 
     /// The finished scene.
-    pub fn build(self) -> Result<Scene, BuildError> {
+    pub fn build(mut self) -> Result<Scene, BuildError> {
         if !self.has_camera {
             return Err(BuildError::NoCamera);
         }
-        if self.scene.instances.is_empty() {
-            return Err(BuildError::Empty);
+        let Scene { instances, world, warnings, .. } = &mut self.scene;
+        if instances.is_empty() {
+            if !world.shows_alone() {
+                return Err(BuildError::Empty);
+            }
+            warnings.push(ONLY_WORLD.into());
         }
         Ok(self.scene)
     }
@@ -304,6 +310,9 @@ mod tests {
         assert_eq!(builder.clone().build().unwrap_err(), BuildError::NoCamera);
         builder.set_camera(Camera::default());
         assert_eq!(builder.clone().build().unwrap_err(), BuildError::Empty);
+        let mut lit = builder.clone();
+        lit.set_world(World { color: [0.5; 3], ..World::default() }).unwrap();
+        assert!(lit.build().unwrap().warnings[0].contains("nothing to render but its world"));
         let mesh = builder.add_mesh(triangle()).unwrap();
         builder.add_instance(Instance::new("Object", mesh, Affine3A::IDENTITY, vec![])).unwrap();
         assert_eq!(builder.build().unwrap().instances.len(), 1);

@@ -200,6 +200,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if instance.is_shadow_catcher {
         json(hasher, &"shadow catcher");
     }
+    if instance.occlusion_distance != 0.0 {
+        json(hasher, &("occlusion distance", instance.occlusion_distance));
+    }
     if let Some(links) = &instance.links {
         json(hasher, &("links", links));
     }
@@ -250,7 +253,7 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 25] = [
+        let changes: [fn(&mut Scene); 26] = [
             |scene| scene.meshes[0].undisplaced = Some(Undisplaced::default()),
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
@@ -258,6 +261,7 @@ mod tests {
             |scene| scene.instances[0].is_shadow_catcher = true,
             |scene| scene.instances[0].links = Some(Box::default()),
             |scene| scene.instances[0].density_factor = 0.5,
+            |scene| scene.instances[0].occlusion_distance = 0.5,
             |scene| scene.meshes[0].motion = vec![Vec3::ONE; 3],
             |scene| scene.instances[0].motion = poses(),
             |scene| scene.camera.motion = poses(),

@@ -127,6 +127,9 @@ pub struct Instance {
     /// Light linking of what shines on it; none where it shines on everything and everything blocks it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links: Option<Box<EmitterLinks>>,
+    /// Reach of rays that Fast GI cuts where they leave it, metres; 0 for that of the render settings.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub occlusion_distance: f32,
     /// Factor on the density of the medium inside (Cycles' volume density of an object, in object or world space).
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub density_factor: f32,
@@ -203,6 +206,7 @@ impl Instance {
             is_holdout: false,
             is_shadow_catcher: false,
             links: None,
+            occlusion_distance: 0.0,
             density_factor: 1.0,
         }
     }

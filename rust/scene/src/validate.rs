@@ -41,7 +41,8 @@ impl Scene {
         check(
             "scene",
             &self.camera.name,
-            is_empty.then(|| "it has no surfaces; enable objects for rendering".to_owned()),
+            (is_empty && !self.world.shows_alone())
+                .then(|| "it has no surfaces; enable objects for rendering".to_owned()),
         );
         for mesh in &self.meshes {
             check("mesh", &mesh.name, mesh_fault(mesh, self));
@@ -346,6 +347,10 @@ mod tests {
     #[test]
     fn scenes_with_nothing_to_see_and_broken_cameras_are_refused() {
         assert!(reason(|scene| scene.instances.clear()).contains("no surfaces"));
+        let mut only_world = scene();
+        only_world.instances.clear();
+        only_world.world.color = [0.5; 3];
+        assert_eq!(only_world.validate(), Ok(()));
         assert!(reason(|scene| scene.meshes[0].triangles.clear()).contains("no surfaces"));
         assert!(reason(|scene| scene.camera.width = 0).contains("pixels"));
         assert!(reason(|scene| scene.camera.clip_end = 0.0).contains("clip"));

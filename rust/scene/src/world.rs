@@ -37,6 +37,12 @@ pub struct WorldPart {
 }
 
 impl World {
+    /// True if it is worth a picture where there is nothing else: it has light, and no medium without end.
+    pub fn shows_alone(&self) -> bool {
+        let is_lit = self.color != [0.0; 3] || self.parts.iter().any(|part| part.color != [0.0; 3]);
+        is_lit && self.volume.is_none()
+    }
+
     /// Rays that see its own light, not a part, in the order of [`WorldPart::rays`].
     pub fn rays(&self) -> [bool; 5] {
         let in_part = |kind: usize| self.parts.iter().any(|part| part.rays[kind]);

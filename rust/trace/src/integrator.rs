@@ -4,6 +4,7 @@ mod catcher;
 mod collision;
 mod connection;
 mod emission;
+mod fast_gi;
 mod features;
 mod probes;
 mod shadow_path;
@@ -141,8 +142,8 @@ impl Integrator<'_> {
             let group = CAMERA_GROUP + 1 + GROUPS_PER_VERTEX * vertex_number;
             let draws = Draws::new(sampler, sample, group);
             self.record_linked(&mut walk, draws, scratch, sink);
-            if let Some(shadows) = &self.shadows
-                && shadows.at_start(walk.ray.kind)
+            let is_of_its_own = |shadows: &ShadowDifferences| shadows.at_start(walk.ray.kind);
+            if (walk.path.is_cut() || self.shadows.as_ref().is_some_and(is_of_its_own))
                 && walk.last.is_some()
                 && walk.path.starts_lit_ray()
             {
@@ -246,7 +247,7 @@ impl Integrator<'_> {
     fn escape(&self, walk: &mut Walk, features: &mut Features, sink: &mut impl PathSink) {
         let direction = walk.ray.direction;
         walk.counts |= walk.shows_background();
-        self.record(walk, End::Escape(direction), sink);
+        let factor = self.record_escape(walk, sink);
         let path = &walk.path;
         if path.sees_background && self.settings.film_transparent {
             features.open_film(path.throughput);
@@ -261,7 +262,7 @@ impl Integrator<'_> {
                 .lights
                 .as_ref()
                 .map_or(1.0, |lights| lights.world_weight(walk.last, &self.environment, direction));
-            features.sample.world += path.throughput * radiance * weight;
+            features.sample.world += path.throughput * radiance * (weight * factor);
         }
     }
 
@@ -322,7 +323,7 @@ impl Integrator<'_> {
             features.record_surface(surface);
             path.pass_through(through, limits);
             offset_origin(ray, point);
-            ray.t_max = f32::INFINITY;
+            ray.t_max = self.reach(path, point);
             self.leave(walk, point, true);
             return through.max_element() > 0.0;
         }
@@ -383,7 +384,7 @@ impl Integrator<'_> {
             offset_origin(ray, point);
         }
         ray.kind = path.lobe.into();
-        ray.t_max = f32::INFINITY;
+        ray.t_max = self.reach(path, point);
         let goes_through = point.geometric_normal.dot(sample.wi) < 0.0;
         self.leave(walk, point, sample.transparent || (goes_through && sample.lobe == Lobe::Transmission));
         true

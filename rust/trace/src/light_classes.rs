@@ -15,7 +15,8 @@ pub(crate) struct LightClasses {
     blockers: Vec<Vec<bool>>,
 }
 
-/// Classes that the lights and the film of a scene need; nothing if they have no rules, and glass is none of the film's.
+/// Classes that the lights and the film of a scene need; nothing if they have no rules, glass is none of the film's, and Fast GI
+/// cuts no rays, and of an empty scene.
 ///
 /// # Errors
 /// A warning if there are more classes than a segment's number can tell.
@@ -24,14 +25,16 @@ pub(crate) fn segment_classes(
     settings: &PathSettings,
 ) -> Result<Option<SegmentClasses>, String> {
     let rules = || scene.lights.iter().map(|light| &light.rules);
-    let film_glass = settings.shows_through_glass();
-    if rules().all(LightRules::is_default) && !film_glass {
+    let (film_glass, fast_gi) = (settings.shows_through_glass(), settings.cuts_rays());
+    let is_plain = rules().all(LightRules::is_default) && !film_glass && !fast_gi;
+    if is_plain || scene.instances.is_empty() {
         return Ok(None);
     }
     let mut classes = SegmentClasses {
         bounce_limits: rules().filter_map(|rules| rules.max_bounces).collect(),
         blockers: rules().filter_map(|rules| Some(rules.blockers.as_ref()?.receivers.clone())).collect(),
         film_glass,
+        fast_gi,
     };
     classes.bounce_limits.sort_unstable();
     classes.bounce_limits.dedup();
@@ -40,8 +43,9 @@ pub(crate) fn segment_classes(
     let receivers = scene.receiver_names().len();
     if receivers * classes.count() > usize::from(RECEIVER_LIMIT) {
         return Err(format!(
-            "{receivers} objects are too many for rules of lights (shadow, bounces, Multiple Importance) and transparent glass: with \
-             these {} may be there; all lights are taken as ordinary, and glass shows other worlds than the baked one",
+            "{receivers} objects are too many for rules of lights (shadow, bounces, Multiple Importance), transparent glass and Fast \
+             GI: with these {} may be there; all lights are taken as ordinary, glass shows other worlds than the baked one, and \
+             Fast GI replaces no bounce",
             usize::from(RECEIVER_LIMIT) / classes.count(),
         ));
     }

@@ -62,6 +62,8 @@ pub(crate) struct PathState {
     last_surface: bool,
     /// The next surface only emits.
     ends_on_surface: bool,
+    /// True if Fast GI cut the current ray.
+    is_cut: bool,
 }
 
 /// End of a path that dips below the true surface: only lights along its last segment count.
@@ -111,6 +113,7 @@ impl PathState {
             is_dispersed: false,
             last_surface: false,
             ends_on_surface: false,
+            is_cut: false,
         }
     }
 
@@ -211,6 +214,20 @@ impl PathState {
     /// True if a bounce limit was reached: the surface that the path is on can emit and be transparent, no more.
     pub fn is_last_surface(&self) -> bool {
         self.last_surface
+    }
+
+    /// True if Fast GI cuts the current ray: it comes after more than so many bounces (`path_state_ao_bounce`). What it meets only
+    /// emits and lets through.
+    pub fn cut_after(&mut self, bounces: u32) -> bool {
+        let uncounted = self.transmission + u32::from(self.glossy > 0);
+        self.is_cut = self.bounces + 1 > bounces.saturating_add(uncounted);
+        self.last_surface |= self.is_cut;
+        self.is_cut
+    }
+
+    /// True if Fast GI cut the current ray.
+    pub fn is_cut(&self) -> bool {
+        self.is_cut
     }
 
     /// Probability to go on from the surface that the path is on (`path_state_continuation_probability`).

@@ -81,6 +81,12 @@ pub struct Control<'a> {
     pub lights: Option<Box<dyn Fn(usize) -> Vec<Light> + Sync + Send + 'a>>,
 }
 
+const FAST_GI_OF_TEXTURES: &str =
+    "Fast GI Approximation takes other shares of the light of a world with textures than Cycles does";
+
+const FAST_GI_IN_MEDIA: &str =
+    "Fast GI Approximation replaces no bounce in a scene with volumes: every bounce is traced";
+
 /// A scene made ready for tracing.
 #[derive(Debug)]
 pub struct Tracer<'a> {
@@ -116,9 +122,10 @@ impl<'a> Tracer<'a> {
     pub fn with_bvh(scene: &'a Scene, settings: &TraceSettings, bvh: SceneBvh) -> Self {
         let (materials, mut warnings) = PreparedMaterials::new(scene);
         let environment = EnvironmentLight::new(scene, world_color(scene, settings), &materials);
-        let paths = settings.paths.clone();
-        let lights = if paths.sample_static_lights {
-            StaticLights::new(scene, &materials, &environment)
+        let mut paths = settings.paths.clone();
+        let adds = paths.adds_light();
+        let lights = if paths.sample_static_lights || adds {
+            StaticLights::new(scene, &materials, &environment, adds)
         } else {
             None
         };
@@ -127,6 +134,17 @@ impl<'a> Tracer<'a> {
             None
         });
         let media = Media::new(scene, &materials, &guide_targets(scene, settings), &mut warnings);
+        if paths.cuts_rays() && media.is_some() {
+            warnings.push(FAST_GI_IN_MEDIA.into());
+        }
+        let world = &scene.world;
+        let is_textured = world.texture.is_some() || world.parts.iter().any(|part| part.texture.is_some());
+        if paths.cuts_rays() && is_textured {
+            warnings.push(FAST_GI_OF_TEXTURES.into());
+        }
+        if paths.cuts_rays() && (media.is_some() || classes.is_none()) {
+            paths.fast_gi = None;
+        }
         let shadows = ShadowDifferences::new(scene, media.as_ref());
         let integrator = Integrator {
             scene,

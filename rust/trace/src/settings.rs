@@ -73,6 +73,9 @@ pub struct PathSettings {
     /// Roughness up to which a transparent film shows through glass; none where glass covers it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub film_glass: Option<f32>,
+    /// Cycles' Fast GI Approximation; none where every bounce is traced.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fast_gi: Option<FastGi>,
     /// True if the scene's own emitters and the world are also sampled directly. Changes only the noise of the static
     /// layers, never a path.
     pub sample_static_lights: bool,
@@ -82,6 +85,16 @@ impl PathSettings {
     /// Closures that diffuse rays see of the surfaces they hit.
     pub(crate) fn caustics(&self) -> Caustics {
         Caustics { reflective: self.caustics_reflective, refractive: self.caustics_refractive }
+    }
+
+    /// True if Fast GI cuts rays of paths.
+    pub(crate) fn cuts_rays(&self) -> bool {
+        matches!(self.fast_gi, Some(FastGi::Replace { .. }))
+    }
+
+    /// True if Fast GI lights surfaces.
+    pub(crate) fn adds_light(&self) -> bool {
+        matches!(self.fast_gi, Some(FastGi::Add { .. }))
     }
 
     /// True if the film shows through some glass.
@@ -111,9 +124,32 @@ impl Default for PathSettings {
             film_exposure: 1.0,
             film_transparent: false,
             film_glass: None,
+            fast_gi: None,
             sample_static_lights: true,
         }
     }
+}
+
+/// Cycles' Fast GI Approximation.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "method", rename_all = "snake_case", deny_unknown_fields)]
+pub enum FastGi {
+    /// After some bounces rays are cut: what they meet only emits and lets through, and where they meet nothing there is the world.
+    Replace {
+        /// Bounces before, at least 1 (Cycles' Render Bounces). Transmission and the first glossy one do not count.
+        bounces: u32,
+        /// Reach of these rays, metres, where the object that they leave has none of its own.
+        distance: f32,
+        /// Factor of the world that they meet.
+        factor: f32,
+    },
+    /// Diffuse surfaces are lit besides by white light from all sides, as far as nothing nearby blocks it.
+    Add {
+        /// Distance up to which objects block it, metres.
+        distance: f32,
+        /// Radiance of that light.
+        factor: f32,
+    },
 }
 
 /// Blender's Light Paths panel, with its meaning: 0 bounces is direct light only.

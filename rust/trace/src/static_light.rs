@@ -67,11 +67,17 @@ pub(crate) struct LastBounce {
 }
 
 impl StaticLights {
-    /// Sampler of static lights; nothing if there is nothing to sample.
-    pub fn new(scene: &Scene, materials: &PreparedMaterials, environment: &EnvironmentLight) -> Option<Self> {
+    /// Sampler of static lights; nothing if there is nothing to sample, nor light that Fast GI adds.
+    pub fn new(
+        scene: &Scene,
+        materials: &PreparedMaterials,
+        environment: &EnvironmentLight,
+        fast_gi_adds: bool,
+    ) -> Option<Self> {
         let emitters = Emitters::new(scene, materials);
         let samples_environment = environment.can_sample();
-        (emitters.is_some() || samples_environment).then_some(Self { emitters, samples_environment })
+        (emitters.is_some() || samples_environment || fast_gi_adds)
+            .then_some(Self { emitters, samples_environment })
     }
 
     /// Probability to sample the environment rather than an emitter.
@@ -126,7 +132,7 @@ impl StaticLights {
             let radiance =
                 tracer.environment.radiance(tracer.scene, tracer.materials, direction, Lobe::Diffuse);
             let factor = factor / survival(on_film * factor * radiance, u[3] / share)?;
-            let through = tracer.transmittance_of(vertex, direction, Goal::Outside, scratch)?;
+            let through = tracer.transmittance_of(vertex, direction, Goal::Open(f32::INFINITY), scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
         let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]], tracer.scene, vertex.time());
@@ -146,13 +152,28 @@ impl StaticLights {
         let through = tracer.transmittance_of(vertex, direction, goal, scratch)?;
         Some(StaticSample::Emission(factor * through * scratch.emission()))
     }
+
+    /// Light of radiance 1 from all sides that diffuse closures of a vertex scatter, as far as nothing within a `reach` in metres
+    /// blocks it.
+    pub fn sample_open(
+        &self,
+        tracer: &mut ShadowTracer<'_>,
+        vertex: Vertex<'_>,
+        reach: f32,
+        scratch: &mut Surface,
+        u: [f32; 2],
+    ) -> Option<Vec3> {
+        let Vertex::Surface { surface, .. } = vertex else { return None };
+        let (weight, direction) = surface.scatter_open_light(u)?;
+        Some(weight * tracer.transmittance_of(vertex, direction, Goal::Open(reach), scratch)?)
+    }
 }
 
 /// Where a shadow ray goes.
 #[derive(Clone, Copy)]
 pub(crate) enum Goal<'a> {
-    /// To the end of the ray, or out of the scene.
-    Outside,
+    /// As far as this many metres, beyond which nothing blocks it.
+    Open(f32),
     /// To an instance's triangle that shines; links where not everything blocks its light.
     Emitter { triangle: (u32, u32), links: Option<&'a EmitterLinks> },
 }
@@ -160,8 +181,15 @@ pub(crate) enum Goal<'a> {
 impl Goal<'_> {
     fn triangle(&self) -> Option<(u32, u32)> {
         match self {
-            Self::Outside => None,
+            Self::Open(_) => None,
             Self::Emitter { triangle, .. } => Some(*triangle),
+        }
+    }
+
+    fn reach(&self) -> f32 {
+        match self {
+            Self::Open(reach) => *reach,
+            Self::Emitter { .. } => f32::INFINITY,
         }
     }
 
@@ -223,6 +251,7 @@ impl ShadowTracer<'_> {
         scratch: &mut Surface,
     ) -> Option<Vec3> {
         let mut through = Vec3::ONE;
+        ray.t_max = goal.reach();
         let emitter = goal.triangle();
         if emitter.is_none() && !self.see_through.any && self.media.is_none() {
             return (!self.bvh.is_blocked(&ray)).then_some(through);

@@ -3,7 +3,7 @@
 Each builder fills an empty scene that `stage.set_up` has made: a floor, a wall and a camera that looks at the origin.
 """
 
-from . import displacement, film, hair, images, lamps, media, motion, rays, skin, surfaces
+from . import displacement, fast_gi, film, hair, images, lamps, media, motion, rays, skin, surfaces
 
 SCENES = {
     **media.SCENES,
@@ -15,6 +15,7 @@ SCENES = {
     **lamps.SCENES,
     **motion.SCENES,
     **film.SCENES,
+    **fast_gi.SCENES,
     **surfaces.SCENES,
 }
 """Builders by the names of their scenes."""

@@ -97,8 +97,8 @@ fn classes() -> Manifest {
 }
 
 #[test]
-fn behind_glass_that_the_film_shows_through_lights_count_and_worlds_do_not() {
-    let known = SegmentClasses { film_glass: true, ..SegmentClasses::default() };
+fn worlds_and_lights_count_along_classes_of_their_own() {
+    let known = SegmentClasses { film_glass: true, fast_gi: true, ..SegmentClasses::default() };
     let manifest =
         Manifest { receivers: vec!["A".into()], classes: Some(known.clone()), ..manifest(1, &[1]) };
     let dump = dump(manifest, |_, _, samples: &mut TileSamples| {
@@ -119,13 +119,13 @@ fn behind_glass_that_the_film_shows_through_lights_count_and_worlds_do_not() {
     };
     let of =
         |sights: &[Sight]| -> f32 { sights.iter().map(|sight| (1 << known.class(*sight, 0)) as f32).sum() };
-    let shadow = [Sight::Shadow, Sight::ShadowBehindGlass];
-    let singular = [Sight::Singular, Sight::SingularBehindGlass];
+    let shadow = [Sight::Shadow, Sight::ShadowWithoutWorld];
+    let singular = [Sight::Singular, Sight::SingularWithoutWorld];
     assert_eq!(lit(LightRules::default()), of(&shadow) + of(&singular));
     assert_eq!(lit(LightRules { is_sampled_only: true, ..LightRules::default() }), of(&shadow));
     let white = Environment::new(&world([1.0; 3], None), &[]).unwrap();
     let seen = gather.world_image(&white, SampleSplit::All).data[0];
-    assert_eq!(seen, of(&[Sight::Shadow, Sight::Singular]));
+    assert_eq!(seen, of(&[Sight::Shadow, Sight::Singular, Sight::World]));
 }
 
 #[test]

@@ -109,6 +109,7 @@ class SceneBuilder:
         is_holdout: bool = False,
         is_shadow_catcher: bool = False,
         links: tuple[list[int] | None, list[int] | None] | None = None,
+        occlusion_distance: float = 0.0,
         density_factor: float = 1.0,
         grids: int | None = None,
         attributes: Sequence[tuple[str, Sequence[float]]] = (),

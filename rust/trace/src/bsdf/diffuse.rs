@@ -6,6 +6,8 @@ use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
 use glam::Vec3;
 use relume_scene::MultipleScattering;
 
+use super::{Scatter, Surface, frame::sample_cosine};
+
 /// A rough diffuse surface.
 #[derive(Clone, Copy, Debug)]
 pub struct OrenNayar {
@@ -60,6 +62,33 @@ impl OrenNayar {
             sin * (cos.acos() - 2.0 / 3.0 - sin * cos) + 2.0 / 3.0 * (sin / cos) * (1.0 - sin * sin * sin)
         };
         self.a * PI + self.b * g
+    }
+}
+
+impl Surface {
+    /// What the diffuse closures scatter of white light from one of the directions around their mean normal
+    /// (`surface_shader_ao`), and that direction; nothing where there are none.
+    pub(crate) fn scatter_open_light(&self, u: [f32; 2]) -> Option<(Vec3, Vec3)> {
+        let (mut weight, mut normal) = (Vec3::ZERO, Vec3::ZERO);
+        for closure in &self.closures {
+            let is_diffuse = match &closure.scatter {
+                Scatter::Diffuse
+                | Scatter::OrenNayar(_)
+                | Scatter::Translucent
+                | Scatter::RoughTranslucent(_)
+                | Scatter::Sheen(_) => true,
+                Scatter::Toon(model) => !model.is_glossy,
+                _ => false,
+            };
+            if is_diffuse {
+                weight += closure.weight;
+                normal += closure.normal * (closure.weight.element_sum() / 3.0);
+            }
+        }
+        // Cycles weighs what is see-through twice.
+        let alpha = (Vec3::ONE - self.transparency()).clamp(Vec3::ZERO, Vec3::ONE);
+        let direction = sample_cosine(normal.normalize_or(self.shading_normal()), u);
+        (weight != Vec3::ZERO).then_some((weight * alpha, direction))
     }
 }
 

@@ -106,8 +106,7 @@ impl Tracer<'_> {
         distance: f32,
         scratch: &mut ConnectScratch,
     ) -> Vec3 {
-        let Some((reflected, mut ray)) = vertex.reflect(wi) else { return Vec3::ZERO };
-        ray.t_max = distance;
+        let Some((reflected, ray)) = vertex.reflect(wi) else { return Vec3::ZERO };
         let integrator = &self.integrator;
         let mut tracer = ShadowTracer {
             scene: integrator.scene,
@@ -122,7 +121,7 @@ impl Tracer<'_> {
             catchers_only: false,
             media: None,
         };
-        let through = tracer.transmittance(ray, vertex.position, Goal::Outside, &mut scratch.surface);
+        let through = tracer.transmittance(ray, vertex.position, Goal::Open(distance), &mut scratch.surface);
         through.map_or(Vec3::ZERO, |through| reflected * through)
     }
 }

@@ -10,10 +10,14 @@ use crate::{
     media::{HullCrossing, MediaScratch, ShadowMedia, TrackingNumbers},
     path::PathState,
     sampler::Draws,
+    settings::FastGi,
     shading::SurfacePoint,
     static_light::{LastBounce, ShadowTracer, StaticSample},
     vertex::Vertex,
 };
+
+/// Added to a vertex's first group: numbers of the light that Fast GI adds.
+const OPEN_GROUP: u32 = 5 << 29;
 
 impl Integrator<'_> {
     /// Adds what a surface that the path met emits.
@@ -48,12 +52,40 @@ impl Integrator<'_> {
         draws: Draws,
     ) {
         let Some(lights) = &self.lights else { return };
+        let mut tracer = self.shadow_tracer(path, route, vertex, cones, scratch, draws.at(SHADOW_GROUP));
+        let on_film = path.throughput * self.settings.film_exposure;
+        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draws.at(1)) {
+            Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
+            Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
+            None => {}
+        }
+        if let Some(FastGi::Add { distance, factor }) = self.settings.fast_gi
+            && !path.catchers_only
+        {
+            let [u, v, ..] = draws.at(OPEN_GROUP);
+            let mut tracer =
+                self.shadow_tracer(path, route, vertex, cones, scratch, draws.at(OPEN_GROUP + 1));
+            let light = lights.sample_open(&mut tracer, vertex, distance, shadow, [u, v]);
+            features.sample.emission += path.throughput * light.unwrap_or(Vec3::ZERO) * factor;
+        }
+    }
+
+    /// Scene access of a shadow ray from a vertex, with numbers for media on its way.
+    fn shadow_tracer<'s>(
+        &'s self,
+        path: &PathState,
+        route: Option<&Route>,
+        vertex: Vertex<'_>,
+        cones: Option<&'s Cones>,
+        scratch: &'s mut MediaScratch,
+        numbers: [f32; 4],
+    ) -> ShadowTracer<'s> {
         let media = match (&self.media, route) {
             (Some(media), Some(route)) => Some(ShadowMedia {
                 space: self.space(media, vertex.time(), path.ray_info().shadow_from(vertex.position())),
                 stack: route.stack,
                 crossing: HullCrossing::default(),
-                numbers: TrackingNumbers::new(draws.at(SHADOW_GROUP)),
+                numbers: TrackingNumbers::new(numbers),
                 scratch,
             }),
             _ => None,
@@ -63,7 +95,7 @@ impl Integrator<'_> {
             (Vertex::Medium { .. }, Some(media), Some(route)) => media.receiver(&route.stack),
             _ => path.receiver,
         };
-        let mut tracer = ShadowTracer {
+        ShadowTracer {
             scene: self.scene,
             bvh: &self.bvh,
             materials: &self.materials,
@@ -75,12 +107,6 @@ impl Integrator<'_> {
             transparent_left: path.transparent_left(&self.settings.bounces),
             catchers_only: path.catchers_only,
             media,
-        };
-        let on_film = path.throughput * self.settings.film_exposure;
-        match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draws.at(1)) {
-            Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
-            Some(StaticSample::World(light)) => features.sample.world += path.throughput * light,
-            None => {}
         }
     }
 }

@@ -73,7 +73,7 @@ fn differs(material: &Material) -> bool {
 impl Walk {
     /// A shadow ray along the present ray, which may have blockers of its own.
     fn shadow(&self, blockers: Option<usize>) -> Self {
-        let ray = Ray { kind: RayKind::Shadow, ..self.ray };
+        let ray = Ray { kind: RayKind::Shadow, t_max: f32::INFINITY, ..self.ray };
         Self { ray, blockers, ..self.clone() }
     }
 
@@ -135,10 +135,11 @@ impl Integrator<'_> {
     pub(super) fn class_offset(&self, walk: &Walk) -> u16 {
         let Some(classes) = &self.classes else { return 0 };
         let is_behind_glass = walk.path.sees_background && walk.path.lobe != Lobe::Camera;
+        let is_without_world = walk.path.is_cut() || is_behind_glass && classes.tell_glass();
         let sight = match (walk.blockers, walk.last) {
             (Some(set), _) => Sight::Linked(set),
-            (None, Some(_)) if is_behind_glass && classes.tell_glass() => Sight::ShadowBehindGlass,
-            (None, None) if is_behind_glass && classes.tell_glass() => Sight::SingularBehindGlass,
+            (None, Some(_)) if is_without_world => Sight::ShadowWithoutWorld,
+            (None, None) if is_without_world => Sight::SingularWithoutWorld,
             (None, Some(_)) => Sight::Shadow,
             (None, None) => Sight::Singular,
         };

@@ -5,7 +5,10 @@ use relume_scene::{
     Scene,
     glam::{Affine3A, Vec3},
 };
-use relume_trace::{TraceSettings, settings::BounceLimits};
+use relume_trace::{
+    TraceSettings,
+    settings::{BounceLimits, FastGi},
+};
 
 use crate::support::*;
 
@@ -58,4 +61,16 @@ fn roulette_keeps_the_mean_of_the_throughput() {
     }
     let ended = paths.iter().flatten().filter(|path| path.segments.len() < 10).count();
     assert!(ended > 40_000, "roulette hardly ever ends a path: {ended}");
+}
+
+#[test]
+fn an_empty_scene_shows_the_world_alone() {
+    let mut scene = Scene { camera: look_at_origin(Vec3::Z * 2.0, 4, 0.5), ..Scene::default() };
+    scene.world.color = [0.5; 3];
+    let mut settings = TraceSettings { samples: 4, ..TraceSettings::default() };
+    settings.paths.fast_gi = Some(FastGi::Replace { bounces: 1, distance: 1.0, factor: 0.5 });
+    assert_eq!(relume_trace::manifest(&scene, &settings).classes, None);
+    for path in image_paths(&scene, &settings).iter().flatten() {
+        assert!(path.aovs.world == Vec3::splat(0.5) && path.segments.len() == 1);
+    }
 }

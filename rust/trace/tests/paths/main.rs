@@ -6,6 +6,7 @@ mod catcher;
 mod determinism;
 mod emission;
 mod failures;
+mod fast_gi;
 mod film;
 mod furnace;
 mod lights;
