@@ -15,8 +15,8 @@ taken for a bake."""
 CONTENTS = "contents.json"
 """File in which the native module lists the files that the folder should hold."""
 OWN_FILES = (
-    *(*PATHS, "lights.json", "shot.json", "wanted.json", "view.png", "scene.scene", "base.exr", CONTENTS, "baking.lock"),
-    *("proxy_*.safetensors", "proxy_*.json"),
+    *(*PATHS, "lights.json", "shot.json", "wanted.json", "view.png", "base.exr", CONTENTS, "baking.lock"),
+    *("scene.scene", "proxy_*.safetensors", "proxy_*.json"),
 )
 """Names of all files of a bake and its proxies."""
 OTHER_WORLD = "map of the world"

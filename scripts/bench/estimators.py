@@ -1,0 +1,92 @@
+"""Error of lights' pictures by crossings of a bake's segments and by connection to its vertices, at equal samples.
+
+Runs `relume-estimators` (`cargo build --release -p relume-bench`) on scene files, keeps its records in
+`docs/bench/quality.json`, and writes the page beside it. Blender exports scene files:
+`relume_bake.py SHOT.blend -- export --out SHOT.scene --resolution 144x81`.
+"""
+
+import argparse
+import datetime
+import json
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+
+from markdown import rows
+
+ROOT = Path(__file__).resolve().parents[2]
+RECORDS = ROOT / "docs/bench/quality.json"
+TEXT = """# Quality of a light's picture
+
+Made by `scripts/bench/estimators.py` from `quality.json`. A sphere stands at random on a segment of the paths. Its
+radius is a share of half the diagonal of what the paths reach. *Crossings* count the segments that meet the light.
+*Connection* sends shadow rays from diffuse vertices of the same paths, and counts crossings for all else.
+
+The reference is the mean of two bakes of {reference} paths in all, guided towards the light, connected and denoised.
+Its own PSNR is that of one half against the other; a PSNR near it says no more than that. Figures are means over
+lights, PSNR in dB after Reinhard's curve. Seconds are those of one light's sum where paths and vertices are there
+already, on {cores} shared cores.
+
+{table}
+"""
+PICTURES = ["crossings", "denoised", "connection", "denoised", "reference's own"]
+HEAD = ["scene", "radius", "paths", *PICTURES, "s by crossings", "s by connection"]
+
+
+def parse_arguments():
+    """Options of a run; what is unknown goes to the program."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="*", type=Path, help="scene files; without any, only the page is written")
+    parser.add_argument("--program", type=Path, default=ROOT / "target/release/relume-estimators")
+    parser.add_argument("--reference", type=int, default=1024, help="paths per pixel of the reference")
+    return parser.parse_known_args()
+
+
+def measured(scene, args, more):
+    """Records of a scene."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "records.json"
+        command = [args.program, scene, "--out", out, "--reference", args.reference, *more]
+        subprocess.run([str(word) for word in command], check=True)
+        records = json.loads(out.read_text())
+    about = {"device": f"CPU, {os.cpu_count()} cores", "date": datetime.date.today().isoformat()}
+    return [record | about | {"reference_samples": args.reference} for record in records]
+
+
+def page(records):
+    """The page of kept records."""
+    groups = {}
+    for record in records:
+        groups.setdefault((record["scene"], record["light_size"], record["samples"]), []).append(record)
+
+    def mean(group, name, **wanted):
+        values = [one[name] for one in group if all(one[key] == value for key, value in wanted.items())]
+        return sum(values) / len(values)
+
+    lines = []
+    for (scene, size, samples), group in groups.items():
+        psnr = [
+            f"{mean(group, 'psnr', estimator=estimator, denoised=denoised):.1f}"
+            for estimator in ("crossings", "connection")
+            for denoised in (False, True)
+        ]
+        seconds = [f"{mean(group, 'seconds', estimator=estimator):.2f}" for estimator in ("crossings", "connection")]
+        own = f"{mean(group, 'reference_psnr'):.1f}"
+        lines.append([f"{scene}, {group[0]['width']} wide", f"{size:.1%}", str(samples), *psnr, own, *seconds])
+    reference = max(record["reference_samples"] for record in records)
+    return TEXT.format(reference=reference, cores=records[0]["device"].split()[1], table=rows(HEAD, lines))
+
+
+def main():
+    """Measures scenes, keeps the records, writes the page."""
+    args, more = parse_arguments()
+    records = json.loads(RECORDS.read_text()) if RECORDS.exists() else []
+    for scene in args.scenes:
+        records = [record for record in records if record["scene"] != scene.stem] + measured(scene, args, more)
+        RECORDS.write_text(json.dumps(records, indent=1) + "\n")
+    RECORDS.with_suffix(".md").write_text(page(records))
+
+
+if __name__ == "__main__":
+    main()
