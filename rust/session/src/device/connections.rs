@@ -1,5 +1,6 @@
 //! Lights connected to the vertices of light-free paths, where the scene of a bake is at hand.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use rayon::prelude::*;
@@ -25,13 +26,14 @@ self_cell!(
     }
 );
 
-/// Diffuse vertices of paths of a bake's scene, and the light of lights that were connected to them. Vertices are traced tile by tile
-/// where they are first asked for. They come in levels, each with as many paths as all before it, so that a first picture
-/// comes early.
+/// Diffuse vertices of paths of a bake's scene, and the light of lights that were connected to them. Vertices come in levels, each
+/// with as many paths as all before it, so that a first picture comes early.
 pub(crate) struct Connections {
     tracer: OwnedTracer,
     manifest: Manifest,
     levels: Vec<Level>,
+    /// Number of levels whose vertices are there.
+    ready: AtomicUsize,
     images: Mutex<LightCache<Option<Arc<ConnectedImage>>>>,
 }
 
@@ -43,7 +45,7 @@ struct Level {
 
 /// Diffuse part of a light's unit image.
 pub(crate) struct ConnectedImage {
-    levels: usize,
+    pub levels: usize,
     /// Paths per pixel behind it.
     paths: u32,
     pub image: Image,
@@ -64,7 +66,7 @@ const LIGHT_GROUP: u32 = 1 << 25;
 /// Memory of all vertices, bytes.
 const VERTEX_MEMORY: usize = 1 << 30;
 /// Least and most paths per pixel whose vertices are kept.
-const PATHS: std::ops::RangeInclusive<u32> = 2..=64;
+const PATHS: std::ops::RangeInclusive<u32> = 2..=32;
 /// Vertices that are kept of a path but its first: those of later bounces matter less.
 const LATER: u32 = 2;
 /// Memory of images that are kept for later, bytes.
@@ -102,7 +104,33 @@ impl Connections {
             return Ok(None);
         }
         let (manifest, levels) = (manifest.clone(), levels(manifest));
-        Ok(Some(Self { tracer, manifest, levels, images: Mutex::default() }))
+        Ok(Some(Self { tracer, manifest, levels, ready: AtomicUsize::new(0), images: Mutex::default() }))
+    }
+
+    /// Traces the vertices of the next level; false if there is none, or `stop` ended it.
+    pub fn prepare_next(&self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
+        let number = self.ready();
+        let Some(level) = self.levels.get(number) else { return false };
+        let tracer = self.tracer.borrow_dependent();
+        level.tiles.par_iter().enumerate().for_each_init(
+            PathScratch::default,
+            |scratch, (tile, vertices)| {
+                if !stop() {
+                    let rect = self.manifest.tile_rect(tile);
+                    vertices.get_or_init(|| tracer.diffuse_vertices(rect, level.pass, level.limits, scratch));
+                }
+            },
+        );
+        let is_whole = level.tiles.iter().all(|tile| tile.get().is_some());
+        if is_whole {
+            self.ready.store(number + 1, Ordering::Release);
+        }
+        is_whole
+    }
+
+    /// Number of levels whose vertices are there.
+    pub fn ready(&self) -> usize {
+        self.ready.load(Ordering::Acquire)
     }
 
     /// True if the scene is that of a bake.
@@ -123,23 +151,24 @@ impl Connections {
         Ok(split)
     }
 
-    /// Diffuse parts of the unit images of those of `lights` that are connected, by their number, from so many levels or more.
-    /// `gather` is of the same bake.
+    /// Diffuse parts of the unit images of those of `lights` that are connected, by their number, from so many levels or more as far as
+    /// they are there; nothing if `stop` ended it. `gather` is of the same bake.
     pub fn images(
         &self,
         gather: &Gather,
         lights: &[Light],
         emitters: &[(usize, Emitter)],
         levels: usize,
-    ) -> Vec<(usize, Arc<ConnectedImage>)> {
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Vec<(usize, Arc<ConnectedImage>)>> {
         let known =
             |(number, _): &(usize, Emitter)| self.cache().get_used(&lights[*number]).cloned().flatten();
         let mut images: Vec<Option<Arc<ConnectedImage>>> = emitters.iter().map(known).collect();
-        for (number, level) in self.levels.iter().enumerate().take(levels) {
+        for (number, level) in self.levels[..self.ready()].iter().enumerate().take(levels) {
             let is_behind = |i: &usize| images[*i].as_ref().map_or(0, |image| image.levels) == number;
             let behind: Vec<usize> = (0..images.len()).filter(is_behind).collect();
             let lights: Vec<&Emitter> = behind.iter().map(|i| &emitters[*i].1).collect();
-            for (i, image) in behind.into_iter().zip(self.level_images(gather, level, &lights, 1)) {
+            for (i, image) in behind.into_iter().zip(self.level_images(gather, level, &lights, 1, stop)?) {
                 images[i] =
                     Some(Arc::new(ConnectedImage::grown(images[i].as_deref(), image, level.pass.samples)));
             }
@@ -149,7 +178,7 @@ impl Connections {
             *cache.get_or_insert(&lights[*number], || None) = image.clone();
             Some((*number, image?))
         });
-        let images = images.collect();
+        let images = Some(images.collect());
         cache.trim(&[], IMAGE_MEMORY, |image| image.as_ref().map_or(0, |image| image.bytes()));
         images
     }
@@ -168,7 +197,8 @@ impl Connections {
         let (numbers, new): (Vec<usize>, Vec<&Emitter>) =
             emitters.iter().filter(is_new).map(|(number, emitter)| (*number, emitter)).unzip();
         let coarse = |image| Arc::new(ConnectedImage { levels: 0, paths: 0, image, error: Image::default() });
-        let images = self.level_images(gather, &self.levels[0], &new, 2).into_iter().map(coarse);
+        let images =
+            self.level_images(gather, &self.levels[0], &new, 2, &|| false).into_iter().flatten().map(coarse);
         known.into_iter().chain(numbers.into_iter().zip(images)).collect()
     }
 
@@ -176,23 +206,29 @@ impl Connections {
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Images by the paths of one level, in blocks of so many pixels each way.
-    fn level_images(&self, gather: &Gather, level: &Level, lights: &[&Emitter], block: usize) -> Vec<Image> {
+    /// Images by the paths of one level, in blocks of so many pixels each way; nothing if `stop` ended it.
+    fn level_images(
+        &self,
+        gather: &Gather,
+        level: &Level,
+        lights: &[&Emitter],
+        block: usize,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Vec<Image>> {
         if lights.is_empty() {
-            return Vec::new();
+            return Some(Vec::new());
         }
-        let tiles: Vec<Vec<[f32; 3]>> = (0..level.tiles.len())
-            .into_par_iter()
-            .map(|tile| self.tile(level, tile, lights, block))
-            .collect();
-        (0..lights.len()).map(|light| gather.assemble(&tiles, light)).collect()
+        let tile = |tile| (!stop()).then(|| self.tile(level, tile, lights, block)).flatten();
+        let tiles: Vec<Vec<[f32; 3]>> =
+            (0..level.tiles.len()).into_par_iter().map(tile).collect::<Option<_>>()?;
+        Some((0..lights.len()).map(|light| gather.assemble(&tiles, light)).collect())
     }
 
-    /// Values of a tile, light by light, then pixel by pixel; one pixel of each block is made for all of it.
-    fn tile(&self, level: &Level, tile: usize, lights: &[&Emitter], block: usize) -> Vec<[f32; 3]> {
+    /// Values of a tile, light by light, then pixel by pixel; one pixel of each block is made for all of it. Nothing if its vertices are
+    /// not there.
+    fn tile(&self, level: &Level, tile: usize, lights: &[&Emitter], block: usize) -> Option<Vec<[f32; 3]>> {
         let (tracer, rect) = (self.tracer.borrow_dependent(), self.manifest.tile_rect(tile));
-        let trace = || tracer.diffuse_vertices(rect, level.pass, level.limits, &mut PathScratch::default());
-        let vertices = level.tiles[tile].get_or_init(trace);
+        let vertices = level.tiles[tile].get()?;
         let mut scratch = ConnectScratch::default();
         let mut values = vec![[0.0; 3]; lights.len() * rect.pixel_count()];
         let scale = 1.0 / level.pass.samples as f32;
@@ -213,7 +249,7 @@ impl Connections {
         if block > 1 {
             values.chunks_exact_mut(rect.pixel_count()).for_each(|values| fill_blocks(values, rect, block));
         }
-        values
+        Some(values)
     }
 }
 
@@ -302,11 +338,12 @@ mod tests {
         tracer.trace(&writer, &Control::default()).unwrap();
         let gather = Gather::new(writer.snapshot());
         // As many paths as are connected.
-        let few = Gather::new(gather.dump().passes(0..7));
+        let few = Gather::new(gather.dump().passes(0..6));
         let connections = Connections::new(scene.clone(), gather.dump().manifest(), None).unwrap().unwrap();
+        while connections.prepare_next(&|| false) {}
         let lights = bulbs(3);
         let split = connections.split(&lights).unwrap();
-        let joined = connections.images(&gather, &lights, &split.emitters, usize::MAX);
+        let joined = connections.images(&gather, &lights, &split.emitters, usize::MAX, &|| false).unwrap();
         for (light, (_, joined)) in lights.iter().zip(joined) {
             let crossed = &gather.unit_images(&[gather.prepare(light).unwrap()], SampleSplit::All)[0];
             let differences: Vec<f64> =

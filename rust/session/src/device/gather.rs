@@ -30,6 +30,20 @@ pub(crate) struct DeviceGather {
     told_of_little_memory: Once,
 }
 
+/// Haste with which lights are connected.
+#[derive(Clone, Copy)]
+pub(crate) enum Haste<'a> {
+    /// Only one path, and every second pixel and row, of lights that are new.
+    Drag,
+    /// All, until this is true.
+    Until(&'a (dyn Fn() -> bool + Sync)),
+}
+
+impl Haste<'_> {
+    /// None at all.
+    pub const NONE: Self = Self::Until(&|| false);
+}
+
 /// Unit image of a light in two parts.
 pub(crate) struct UnitParts {
     /// What is summed over the crossings of a pass.
@@ -90,7 +104,7 @@ impl DeviceGather {
     ) -> Result<Vec<Image>, SessionError> {
         let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, split);
         let (mut images, connected) =
-            self.images(lights, split, false, (compute, monitor), work, |image| image)?;
+            self.images(lights, split, Haste::NONE, (compute, monitor), work, |image| image)?;
         for (light, diffuse) in connected {
             images[light].add_scaled(&diffuse.image, &[1.0; 3]);
         }
@@ -98,11 +112,14 @@ impl DeviceGather {
     }
 
     /// Parts of unit images: of crossings, which stay on the GPU where that makes them and has room, and of connections. They are
-    /// there when this returns. In a hurry these are of one path, and of every second pixel and row.
+    /// there when this returns.
+    ///
+    /// # Errors
+    /// [`SessionError::Cancelled`] if `haste` says so.
     pub fn unit_parts(
         &self,
         lights: &[Light],
-        in_a_hurry: bool,
+        haste: Haste<'_>,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<UnitParts>, SessionError> {
@@ -118,7 +135,7 @@ impl DeviceGather {
             }
         };
         let (images, connected) =
-            self.images(lights, split, in_a_hurry, (compute, monitor), work, DeviceImage::Cpu)?;
+            self.images(lights, split, haste, (compute, monitor), work, DeviceImage::Cpu)?;
         let mut parts: Vec<UnitParts> = images.into_iter().map(UnitParts::from).collect();
         for (light, diffuse) in connected {
             parts[light].connected = Some(diffuse);
@@ -131,7 +148,7 @@ impl DeviceGather {
         &self,
         lights: &[Light],
         split: SampleSplit,
-        in_a_hurry: bool,
+        haste: Haste<'_>,
         (compute, monitor): (&Compute, &Monitor),
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
         of_cpu: impl Fn(Image) -> R,
@@ -149,11 +166,29 @@ impl DeviceGather {
             gather.unit_images(&crossed, split).into_iter().map(of_cpu).collect()
         };
         let images = images.unwrap_or_else(on_cpu);
-        let diffuse = connections.zip(connected).map(|((connections, levels), split)| match in_a_hurry {
-            true => connections.coarse_images(&self.gather, lights, &split.emitters),
-            false => connections.images(&self.gather, lights, &split.emitters, *levels),
-        });
-        Ok((images, diffuse.unwrap_or_default()))
+        let Some(((connections, levels), split)) = connections.zip(connected) else {
+            return Ok((images, Vec::new()));
+        };
+        let diffuse = match haste {
+            Haste::Drag => Some(connections.coarse_images(&self.gather, lights, &split.emitters)),
+            Haste::Until(stop) => connections.images(&self.gather, lights, &split.emitters, *levels, stop),
+        };
+        Ok((images, diffuse.ok_or(SessionError::Cancelled)?))
+    }
+
+    /// Connected light of lights that are, by their number, from so many levels as far as they are there.
+    ///
+    /// # Errors
+    /// [`SessionError::Cancelled`] if `stop` ended it; if a light is none.
+    pub fn connected(
+        &self,
+        lights: &[Light],
+        levels: usize,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Vec<(usize, Arc<ConnectedImage>)>, SessionError> {
+        let Some((connections, _)) = &self.connections else { return Ok(Vec::new()) };
+        let emitters = connections.split(lights)?.emitters;
+        connections.images(&self.gather, lights, &emitters, levels, stop).ok_or(SessionError::Cancelled)
     }
 
     /// Light of a world in the picture.

@@ -6,7 +6,7 @@ use super::world::WorldUnit;
 use super::{Aov, LiveOptions, LiveRequest};
 use crate::bake::world::forget;
 use crate::device::compute::Compute;
-use crate::device::gather::DeviceGather;
+use crate::device::gather::{DeviceGather, Haste};
 use crate::device::image::DeviceImage;
 use crate::device::threads::beside_window;
 use crate::error::SessionError;
@@ -187,6 +187,7 @@ impl RenderThread {
     fn render(&mut self, request: &LiveRequest) -> Result<(), SessionError> {
         match self.try_render(request) {
             Err(error) if error.is_of_gpu() && self.units.leave_gpu() => self.try_render(request),
+            Err(SessionError::Cancelled) => Ok(()),
             outcome => outcome,
         }
     }
@@ -238,8 +239,9 @@ impl RenderThread {
         let new = lights(terms, is_needed);
         let scale = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
         let scale = if view.can_be_halved() { scale } else { 1 };
-        let in_a_hurry = scale == 2 && view.passes.len() > 1;
-        while self.advance(&new, view, in_a_hurry)? {
+        // What is coarse is replaced by the next pass.
+        let haste = if scale == 2 && view.passes.len() > 1 { Haste::Drag } else { Haste::NONE };
+        while self.advance(&new, view, haste)? {
             if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
                 break;
             }
@@ -265,7 +267,14 @@ impl RenderThread {
         let gathered = self.gathered(request, view, terms);
         let full = FrameQuality { scale: 1, is_drag: false };
         let mut last_shown = Instant::now();
-        while self.advance(&self.gathered(request, view, terms), view, false)? {
+        let (shared, rendered) = (self.shared.clone(), self.rendered);
+        let stop = move || is_outdated(&shared.lock(), rendered);
+        loop {
+            let lights = self.gathered(request, view, terms);
+            let has_advanced = self.advance(&lights, view, Haste::Until(&stop))?;
+            if !(has_advanced || self.connect(&lights, view, &stop)?) {
+                break;
+            }
             if self.is_outdated() {
                 return Ok(());
             }
@@ -312,17 +321,29 @@ impl RenderThread {
             && view.proxies.proxies().knowing(&term.light).is_some()
     }
 
-    /// Gathers one more pass of another world and of some of the lights; false if none is behind. In a hurry they come in blocks of
-    /// two by two pixels, which the next pass replaces.
-    fn advance(&mut self, lights: &[Light], view: &BakeView, in_a_hurry: bool) -> Result<bool, SessionError> {
+    /// Gathers one more pass of another world and of some of the lights; false if none is behind.
+    fn advance(&mut self, lights: &[Light], view: &BakeView, haste: Haste<'_>) -> Result<bool, SessionError> {
         let world = match &mut self.world {
             Some(world) => world.advance(view, &self.compute, &self.monitor)?,
             None => false,
         };
         let gather = |pass: &DeviceGather, lights: &[Light]| {
-            pass.unit_parts(lights, in_a_hurry, &self.compute, &self.monitor)
+            pass.unit_parts(lights, haste, &self.compute, &self.monitor)
         };
         Ok(self.units.advance(lights, &view.passes, gather)? || world)
+    }
+
+    /// Connects some of the lights to the vertices of one level more; false if none is behind.
+    fn connect(
+        &mut self,
+        lights: &[Light],
+        view: &BakeView,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<bool, SessionError> {
+        let Some(pass) = view.passes.first() else { return Ok(false) };
+        let levels = view.connections.as_ref().map_or(0, |connections| connections.ready());
+        let connect = |lights: &[Light], levels| pass.connected(lights, levels, stop);
+        self.units.refine(lights, levels.min(view.passes.len()), connect)
     }
 
     /// Stores the light of another world for when the bake is opened again, once no more paths are to be expected.
@@ -376,8 +397,7 @@ impl RenderThread {
 
     /// True if another picture is asked for.
     fn is_outdated(&self) -> bool {
-        let state = self.shared.lock();
-        state.closed || state.requests != self.rendered.0
+        is_outdated(&self.shared.lock(), self.rendered)
     }
 
     /// Sums, denoises what is noisy, and publishes the frame. True if nothing in it was noisy.
@@ -461,6 +481,11 @@ impl RenderThread {
 fn lights(terms: &[LightTerm], is_needed: impl Fn(usize, &LightTerm) -> bool) -> Vec<Light> {
     let needed = terms.iter().enumerate().filter(|(number, term)| is_needed(*number, term));
     needed.map(|(_, term)| term.light.clone()).collect()
+}
+
+/// True if another picture than the one that was begun is asked for.
+fn is_outdated(state: &State, rendered: (u64, u64)) -> bool {
+    state.closed || state.requests != rendered.0
 }
 
 /// True if something was not rendered yet.

@@ -6,7 +6,7 @@ use super::view::{BakeView, Delivered};
 use super::*;
 use crate::bake::bake;
 use crate::device::compute::Compute;
-use crate::device::gather::DeviceGather;
+use crate::device::gather::{DeviceGather, Haste};
 use crate::files::light_set::LightSet;
 use crate::files::obj_scene::{ObjView, obj_scene};
 use crate::progress::Monitor;
@@ -99,8 +99,9 @@ fn a_light_gathered_pass_by_pass_is_the_light_gathered_at_once() {
     let view = BakeView::new(Delivered::take(&mut shared.lock()), &compute, None).unwrap();
     let mut units = UnitCache::default();
     let mut rounds = 0;
-    let gather =
-        |pass: &DeviceGather, lights: &[Light]| pass.unit_parts(lights, false, &compute, &Monitor::default());
+    let gather = |pass: &DeviceGather, lights: &[Light]| {
+        pass.unit_parts(lights, Haste::NONE, &compute, &Monitor::default())
+    };
     while units.advance(&lights, &view.passes, gather).unwrap() {
         rounds += 1;
     }

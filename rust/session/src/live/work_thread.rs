@@ -163,15 +163,14 @@ impl WorkRun {
         }
         let (shared, scene) = (self.shared.clone(), Arc::clone(scene));
         let connect = move || match Connections::new(scene, &manifest, Some(bvh)) {
-            Ok(Some(connections)) => shared.change(|state| {
-                state.connections = Some(Arc::new(connections));
-                state.deliveries += 1;
-            }),
+            Ok(Some(connections)) => deliver_levels(&shared, Arc::new(connections), &|| shared.lock().closed),
             Ok(None) => {}
             Err(error) => shared.warn(&error.to_string()),
         };
+        let threads = self.options.threads;
         let thread = thread::Builder::new().name("relume-connect".into());
-        let spawned = thread.spawn(|| drop(catch_unwind(AssertUnwindSafe(connect))));
+        let spawned =
+            thread.spawn(move || drop(catch_unwind(AssertUnwindSafe(|| in_background(threads, connect)))));
         if let Err(error) = spawned {
             self.shared.warn(&format!("lights have more noise, since a thread cannot be started: {error}"));
         }
@@ -185,10 +184,10 @@ impl WorkRun {
         }
         let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
         match scene.and_then(|scene| Connections::new(scene, manifest, None)) {
-            Ok(Some(connections)) => self.shared.change(|state| {
-                state.connections = Some(Arc::new(connections));
-                state.deliveries += 1;
-            }),
+            Ok(Some(connections)) => {
+                let stop = || self.cancel.requested() || self.shared.lock().closed;
+                deliver_levels(&self.shared, Arc::new(connections), &stop);
+            }
             Ok(None) => {}
             Err(error) => self.shared.warn(&damage_message(&path, &reason_of(error))),
         }
@@ -397,5 +396,15 @@ impl WorkRun {
             lights.extend(request.lights.iter().cloned());
         }
         Ok(lights)
+    }
+}
+
+/// Traces the vertices of connections level by level, each of which makes better pictures.
+fn deliver_levels(shared: &Shared, connections: Arc<Connections>, stop: &(dyn Fn() -> bool + Sync)) {
+    while connections.prepare_next(stop) {
+        shared.change(|state| {
+            state.connections = Some(Arc::clone(&connections));
+            state.deliveries += 1;
+        });
     }
 }

@@ -68,6 +68,24 @@ impl Gathered {
         Ok(())
     }
 
+    /// Number of levels of its connected light; none if there is no such light.
+    pub fn connected_levels(&self) -> Option<usize> {
+        self.connected.as_ref().map(|connected| connected.levels)
+    }
+
+    /// Takes connected light of more levels. What was denoised is of fewer paths then.
+    pub fn take_connected(&mut self, connected: Arc<ConnectedImage>) -> Result<(), GpuError> {
+        let before = self.connected.replace(connected);
+        if let Some(before) =
+            before.as_ref().filter(|before| !before.error.data.is_empty() && !self.error.is_empty())
+        {
+            self.error.add(&before.error, -1.0)?;
+        }
+        self.renew_connected(before)?;
+        self.clean.iter_mut().for_each(|(passes, _)| *passes = 0);
+        Ok(())
+    }
+
     /// Puts new connected light in the place of that before, and its error into that of all.
     fn renew_connected(&mut self, before: Option<Arc<ConnectedImage>>) -> Result<(), GpuError> {
         let (Some(now), Some(before)) = (&self.connected, before) else { return Ok(()) };
@@ -75,7 +93,7 @@ impl Gathered {
             self.mean.add(&before.image, -1.0)?;
             self.mean.add(&now.image, 1.0)?;
         }
-        if !now.error.data.is_empty() {
+        if !now.error.data.is_empty() && !self.error.is_empty() {
             self.error.add(&now.error, 1.0)?;
         }
         Ok(())

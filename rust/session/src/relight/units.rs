@@ -1,3 +1,4 @@
+use crate::device::connections::ConnectedImage;
 use crate::device::gather::{DeviceGather, UnitParts};
 use crate::device::image::DeviceImage;
 use crate::error::SessionError;
@@ -91,6 +92,31 @@ impl UnitCache {
             if let Err(error) = self.of(light).gathered.add(parts, pass.samples()) {
                 // The image may have been added, or not.
                 self.0.remove(light);
+                return Err(error.into());
+            }
+        }
+        Ok(true)
+    }
+
+    /// Connects one more level for those of the lights that are furthest behind `levels`; false if none is. `connect` makes the
+    /// connected light of that many levels.
+    pub fn refine(
+        &mut self,
+        lights: &[Light],
+        levels: usize,
+        connect: impl FnOnce(&[Light], usize) -> Result<Vec<(usize, Arc<ConnectedImage>)>, SessionError>,
+    ) -> Result<bool, SessionError> {
+        let known = |light: &Light| self.get(light).and_then(|unit| unit.gathered.connected_levels());
+        let fewest = lights.iter().filter_map(known).min().filter(|fewest| *fewest < levels);
+        let Some(fewest) = fewest else { return Ok(false) };
+        let is_behind = |light: &&Light| known(light) == Some(fewest);
+        let group: Vec<Light> = lights.iter().filter(is_behind).take(GROUP).cloned().collect();
+        for (number, connected) in connect(&group, fewest + 1)? {
+            let gathered = &mut self.of(&group[number]).gathered;
+            if gathered.connected_levels() == Some(fewest)
+                && let Err(error) = gathered.take_connected(connected)
+            {
+                self.0.remove(&group[number]);
                 return Err(error.into());
             }
         }
