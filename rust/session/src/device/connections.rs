@@ -53,6 +53,9 @@ pub(crate) struct ConnectedImage {
     pub error: Image,
 }
 
+/// Images of some lights, by their number.
+pub(crate) type NumberedImages = Vec<(usize, Arc<ConnectedImage>)>;
+
 /// Lights, each divided into what is connected and what is summed over crossings.
 pub(crate) struct SplitLights {
     /// Lights that are connected, by their number.
@@ -160,7 +163,7 @@ impl Connections {
         emitters: &[(usize, Emitter)],
         levels: usize,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Option<Vec<(usize, Arc<ConnectedImage>)>> {
+    ) -> Option<NumberedImages> {
         let known =
             |(number, _): &(usize, Emitter)| self.cache().get_used(&lights[*number]).cloned().flatten();
         let mut images: Vec<Option<Arc<ConnectedImage>>> = emitters.iter().map(known).collect();
@@ -189,10 +192,10 @@ impl Connections {
         gather: &Gather,
         lights: &[Light],
         emitters: &[(usize, Emitter)],
-    ) -> Vec<(usize, Arc<ConnectedImage>)> {
+    ) -> NumberedImages {
         let known =
             |(number, _): &(usize, Emitter)| Some((*number, self.cache().get(&lights[*number]).cloned()??));
-        let known: Vec<(usize, Arc<ConnectedImage>)> = emitters.iter().filter_map(known).collect();
+        let known: NumberedImages = emitters.iter().filter_map(known).collect();
         let is_new = |(number, _): &&(usize, Emitter)| known.iter().all(|(known, _)| known != number);
         let (numbers, new): (Vec<usize>, Vec<&Emitter>) =
             emitters.iter().filter(is_new).map(|(number, emitter)| (*number, emitter)).unzip();

@@ -11,7 +11,7 @@ use relume_image::Image;
 use relume_scene::Light;
 
 use crate::device::compute::Compute;
-use crate::device::connections::{ConnectedImage, Connections};
+use crate::device::connections::{ConnectedImage, Connections, NumberedImages};
 use crate::device::image::DeviceImage;
 use crate::device::layers::DeviceLayers;
 use crate::device::on_gpu::OnGpu;
@@ -152,7 +152,7 @@ impl DeviceGather {
         (compute, monitor): (&Compute, &Monitor),
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
         of_cpu: impl Fn(Image) -> R,
-    ) -> Result<(Vec<R>, Vec<(usize, Arc<ConnectedImage>)>), SessionError> {
+    ) -> Result<(Vec<R>, NumberedImages), SessionError> {
         let connections = self.connections.as_ref().filter(|_| split == SampleSplit::All);
         let connected = connections.map(|(connections, _)| connections.split(lights)).transpose()?;
         let crossed = self.gather.prepare_all(connected.as_ref().map_or(lights, |split| &split.rest))?;
@@ -185,7 +185,7 @@ impl DeviceGather {
         lights: &[Light],
         levels: usize,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Vec<(usize, Arc<ConnectedImage>)>, SessionError> {
+    ) -> Result<NumberedImages, SessionError> {
         let Some((connections, _)) = &self.connections else { return Ok(Vec::new()) };
         let emitters = connections.split(lights)?.emitters;
         connections.images(&self.gather, lights, &emitters, levels, stop).ok_or(SessionError::Cancelled)

@@ -1,4 +1,4 @@
-use crate::device::connections::ConnectedImage;
+use crate::device::connections::NumberedImages;
 use crate::device::gather::{DeviceGather, UnitParts};
 use crate::device::image::DeviceImage;
 use crate::error::SessionError;
@@ -104,7 +104,7 @@ impl UnitCache {
         &mut self,
         lights: &[Light],
         levels: usize,
-        connect: impl FnOnce(&[Light], usize) -> Result<Vec<(usize, Arc<ConnectedImage>)>, SessionError>,
+        connect: impl FnOnce(&[Light], usize) -> Result<NumberedImages, SessionError>,
     ) -> Result<bool, SessionError> {
         let known = |light: &Light| self.get(light).and_then(|unit| unit.gathered.connected_levels());
         let fewest = lights.iter().filter_map(known).min().filter(|fewest| *fewest < levels);
