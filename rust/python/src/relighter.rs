@@ -35,11 +35,13 @@ impl PyRelighter {
         let relighter = enter_native(py, || -> Result<Relighter, NativeError> {
             let Ok(device) = device.parse::<Device>();
             let mut relighter = Relighter::open(&folder)?.on(&device.open(gpu_memory)?);
-            if let Some(scene) = scene {
-                relighter.show_world_of(&scene, &Monitor::default())?;
-                if relighter.is_of(&scene) {
-                    relighter.connect(scene)?;
-                }
+            let monitor = Monitor::default();
+            if let Some(scene) = &scene {
+                relighter.show_world_of(scene, &monitor)?;
+            }
+            match scene.filter(|scene| relighter.is_of(scene)) {
+                Some(scene) => relighter.connect(scene)?,
+                None => relighter.connect_stored(&monitor),
             }
             Ok(relighter)
         })?;

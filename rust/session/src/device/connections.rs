@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+use glam::Vec3;
 use rayon::prelude::*;
 use relume_dump::{Manifest, Pass, TileRect};
 use relume_gather::{Emitter, Gather, GatherError};
@@ -69,7 +70,7 @@ const LIGHT_GROUP: u32 = 1 << 25;
 /// Memory of all vertices, bytes.
 const VERTEX_MEMORY: usize = 1 << 30;
 /// Least and most paths per pixel whose vertices are kept.
-const PATHS: std::ops::RangeInclusive<u32> = 2..=32;
+const PATHS: std::ops::RangeInclusive<u32> = 1..=32;
 /// Vertices that are kept of a path but its first: those of later bounces matter less.
 const LATER: u32 = 2;
 /// Memory of images that are kept for later, bytes.
@@ -239,7 +240,7 @@ impl Connections {
             (0..rect.height).step_by(block).flat_map(|y| (0..rect.width).step_by(block).map(move |x| (x, y)))
         {
             let sampler = PixelSampler::new(self.manifest.seed, (rect.x + x) as u32, (rect.y + y) as u32);
-            let first = LATER * level.pass.first_sample;
+            let first = (1 + LATER) * level.pass.first_sample;
             for (vertex, number) in vertices.pixel(y * rect.width + x).iter().zip(first..) {
                 let [u, v, ..] = sampler.draw(number, LIGHT_GROUP);
                 for (emitter, values) in lights.iter().zip(values.chunks_exact_mut(rect.pixel_count())) {
@@ -272,10 +273,10 @@ fn connect(
     light: &Emitter,
     u: [f32; 2],
     scratch: &mut ConnectScratch,
-) -> glam::Vec3 {
+) -> Vec3 {
     let factor = light.factor(vertex.receiver());
     let sample = (factor != 0.0).then(|| light.sample(vertex.position, vertex.normal(), u)).flatten();
-    sample.map_or(glam::Vec3::ZERO, |sample| {
+    sample.map_or(Vec3::ZERO, |sample| {
         factor * sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, scratch)
     })
 }
