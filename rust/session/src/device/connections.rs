@@ -33,15 +33,16 @@ pub(crate) struct Connections {
     tracer: OwnedTracer,
     manifest: Manifest,
     levels: Vec<Level>,
-    /// Number of levels whose vertices are there.
-    ready: AtomicUsize,
+    /// Number of levels whose vertices were traced to be kept.
+    prepared: AtomicUsize,
     images: Mutex<LightCache<Option<Arc<ConnectedImage>>>>,
 }
 
 struct Level {
     pass: Pass,
     limits: VertexLimits,
-    tiles: Vec<OnceLock<TileVertices>>,
+    /// Vertices of each tile, if memory allows to keep them. Others are traced anew for each use.
+    kept: Option<Vec<OnceLock<TileVertices>>>,
 }
 
 /// Diffuse part of a light's unit image.
@@ -67,10 +68,10 @@ pub(crate) struct SplitLights {
 
 /// Group of the sampler whose numbers choose points on lights.
 const LIGHT_GROUP: u32 = 1 << 25;
-/// Memory of all vertices, bytes.
+/// Memory of all vertices that are kept, bytes.
 const VERTEX_MEMORY: usize = 1 << 30;
-/// Least and most paths per pixel whose vertices are kept.
-const PATHS: std::ops::RangeInclusive<u32> = 1..=32;
+/// Paths per pixel whose vertices lights are connected to.
+const PATHS: u32 = 32;
 /// Vertices that are kept of a path but its first: those of later bounces matter less.
 const LATER: u32 = 2;
 /// Memory of images that are kept for later, bytes.
@@ -108,33 +109,37 @@ impl Connections {
             return Ok(None);
         }
         let (manifest, levels) = (manifest.clone(), levels(manifest));
-        Ok(Some(Self { tracer, manifest, levels, ready: AtomicUsize::new(0), images: Mutex::default() }))
+        Ok(Some(Self { tracer, manifest, levels, prepared: AtomicUsize::new(0), images: Mutex::default() }))
     }
 
-    /// Traces the vertices of the next level; false if there is none, or `stop` ended it.
+    /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it.
     pub fn prepare_next(&self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
-        let number = self.ready();
+        let number = self.prepared.load(Ordering::Acquire);
         let Some(level) = self.levels.get(number) else { return false };
-        let tracer = self.tracer.borrow_dependent();
-        level.tiles.par_iter().enumerate().for_each_init(
-            PathScratch::default,
-            |scratch, (tile, vertices)| {
-                if !stop() {
-                    let rect = self.manifest.tile_rect(tile);
-                    vertices.get_or_init(|| tracer.diffuse_vertices(rect, level.pass, level.limits, scratch));
-                }
-            },
-        );
-        let is_whole = level.tiles.iter().all(|tile| tile.get().is_some());
+        let Some(tiles) = &level.kept else { return false };
+        let prepare = |scratch: &mut PathScratch, (tile, kept): (usize, &OnceLock<TileVertices>)| {
+            if !stop() {
+                kept.get_or_init(|| self.trace(level, tile, scratch));
+            }
+        };
+        tiles.par_iter().enumerate().for_each_init(PathScratch::default, prepare);
+        let is_whole = tiles.iter().all(|tile| tile.get().is_some());
         if is_whole {
-            self.ready.store(number + 1, Ordering::Release);
+            self.prepared.store(number + 1, Ordering::Release);
         }
         is_whole
     }
 
-    /// Number of levels whose vertices are there.
+    /// Number of levels that lights can be connected to now.
     pub fn ready(&self) -> usize {
-        self.ready.load(Ordering::Acquire)
+        let prepared = self.prepared.load(Ordering::Acquire);
+        let awaits = self.levels.get(prepared).is_some_and(|level| level.kept.is_some());
+        if awaits { prepared } else { self.levels.len() }
+    }
+
+    fn trace(&self, level: &Level, tile: usize, scratch: &mut PathScratch) -> TileVertices {
+        let rect = self.manifest.tile_rect(tile);
+        self.tracer.borrow_dependent().diffuse_vertices(rect, level.pass, level.limits, scratch)
     }
 
     /// True if the scene is that of a bake.
@@ -222,17 +227,24 @@ impl Connections {
         if lights.is_empty() {
             return Some(Vec::new());
         }
-        let tile = |tile| (!stop()).then(|| self.tile(level, tile, lights, block)).flatten();
+        let tile = |tile| (!stop()).then(|| self.tile(level, tile, lights, block));
         let tiles: Vec<Vec<[f32; 3]>> =
-            (0..level.tiles.len()).into_par_iter().map(tile).collect::<Option<_>>()?;
+            (0..self.manifest.tile_count()).into_par_iter().map(tile).collect::<Option<_>>()?;
         Some((0..lights.len()).map(|light| gather.assemble(&tiles, light)).collect())
     }
 
-    /// Values of a tile, light by light, then pixel by pixel; one pixel of each block is made for all of it. Nothing if its vertices are
-    /// not there.
-    fn tile(&self, level: &Level, tile: usize, lights: &[&Emitter], block: usize) -> Option<Vec<[f32; 3]>> {
+    /// Values of a tile, light by light, then pixel by pixel; one pixel of each block is made for all of it.
+    fn tile(&self, level: &Level, tile: usize, lights: &[&Emitter], block: usize) -> Vec<[f32; 3]> {
         let (tracer, rect) = (self.tracer.borrow_dependent(), self.manifest.tile_rect(tile));
-        let vertices = level.tiles[tile].get()?;
+        let kept = level.kept.as_ref().and_then(|tiles| tiles[tile].get());
+        let traced;
+        let vertices = match kept {
+            Some(kept) => kept,
+            None => {
+                traced = self.trace(level, tile, &mut PathScratch::default());
+                &traced
+            }
+        };
         let mut scratch = ConnectScratch::default();
         let mut values = vec![[0.0; 3]; lights.len() * rect.pixel_count()];
         let scale = 1.0 / level.pass.samples as f32;
@@ -253,7 +265,7 @@ impl Connections {
         if block > 1 {
             values.chunks_exact_mut(rect.pixel_count()).for_each(|values| fill_blocks(values, rect, block));
         }
-        Some(values)
+        values
     }
 }
 
@@ -281,20 +293,19 @@ fn connect(
     })
 }
 
-/// Levels that fit into memory.
+/// Levels of a picture: the vertices of the first are kept, and of others as far as memory allows.
 fn levels(manifest: &Manifest) -> Vec<Level> {
-    let vertices_a_path = manifest.width * manifest.height * (1 + LATER as usize);
-    let fitting = VERTEX_MEMORY / (vertices_a_path * size_of::<DiffuseVertex>()).max(1);
-    let paths = (fitting as u32).clamp(*PATHS.start(), *PATHS.end());
+    let bytes_a_path = manifest.width * manifest.height * (1 + LATER as usize) * size_of::<DiffuseVertex>();
     let first_sample = manifest.passes.first().map_or(0, |pass| pass.first_sample);
     let mut levels = Vec::new();
     let mut sum = 0;
-    while sum < paths {
-        let samples = sum.clamp(1, paths - sum);
+    while sum < PATHS {
+        let samples = sum.clamp(1, PATHS - sum);
+        let is_kept = sum == 0 || (sum + samples) as usize * bytes_a_path <= VERTEX_MEMORY;
         levels.push(Level {
             pass: Pass { first_sample: first_sample + sum, samples },
             limits: VertexLimits { first: samples as usize, later: (LATER * samples) as usize },
-            tiles: (0..manifest.tile_count()).map(|_| OnceLock::new()).collect(),
+            kept: is_kept.then(|| (0..manifest.tile_count()).map(|_| OnceLock::new()).collect()),
         });
         sum += samples;
     }
