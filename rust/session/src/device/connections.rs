@@ -3,12 +3,12 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use relume_dump::{Manifest, Pass, TileRect};
 use relume_gather::{Emitter, Gather, GatherError};
 use relume_image::Image;
-use relume_scene::{Light, Scene};
+use relume_scene::{Light, LightShape, Scene};
 use relume_trace::bvh::SceneBvh;
 use relume_trace::sampler::PixelSampler;
 use relume_trace::{
@@ -35,6 +35,8 @@ pub(crate) struct Connections {
     levels: Vec<Level>,
     /// Number of levels whose vertices were traced to be kept.
     prepared: AtomicUsize,
+    /// Extent of what the camera sees, metres, once the first level is there.
+    extent: OnceLock<f32>,
     images: Mutex<LightCache<Option<Arc<ConnectedImage>>>>,
 }
 
@@ -74,6 +76,11 @@ const VERTEX_MEMORY: usize = 1 << 30;
 const PATHS: u32 = 32;
 /// Vertices that are kept of a path but its first: those of later bounces matter less.
 const LATER: u32 = 2;
+/// Largest radius, or half of an edge, of lights that are connected, by the extent of what the camera sees. At about this size the two
+/// have the same error where a bake has 512 paths (`docs/bench/quality.md`).
+const MOST_RADIUS: f32 = 0.06;
+/// Largest half angle of suns that are connected, radians.
+const MOST_ANGLE: f32 = 0.06;
 /// Memory of images that are kept for later, bytes.
 const IMAGE_MEMORY: usize = 1 << 28;
 
@@ -109,7 +116,14 @@ impl Connections {
             return Ok(None);
         }
         let (manifest, levels) = (manifest.clone(), levels(manifest));
-        Ok(Some(Self { tracer, manifest, levels, prepared: AtomicUsize::new(0), images: Mutex::default() }))
+        Ok(Some(Self {
+            tracer,
+            manifest,
+            levels,
+            prepared: AtomicUsize::new(0),
+            extent: OnceLock::new(),
+            images: Mutex::default(),
+        }))
     }
 
     /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it.
@@ -147,13 +161,42 @@ impl Connections {
         self.manifest.scene_hash == manifest.scene_hash && self.manifest.seed == manifest.seed
     }
 
+    /// True if the diffuse light of a light is connected: a small one, which few paths cross. Large ones have less noise by the many
+    /// crossings of a bake's paths than by connections of few.
+    pub fn covers(&self, light: &Light) -> bool {
+        let most = MOST_RADIUS * *self.extent.get_or_init(|| self.extent_of_first_vertices());
+        let is_small = match light.shape {
+            LightShape::Sphere { radius, .. }
+            | LightShape::FacingDisk { radius, .. }
+            | LightShape::Spot { radius, .. }
+            | LightShape::StretchedSpot { radius, .. } => radius <= most,
+            LightShape::Quad { edge_u, edge_v, .. } | LightShape::Ellipse { edge_u, edge_v, .. } => {
+                0.5 * edge_u.length().max(edge_v.length()) <= most
+            }
+            LightShape::Sun { half_angle, .. } => half_angle <= MOST_ANGLE,
+            LightShape::Sheared { .. } => false,
+        };
+        is_small && Emitter::covers(light)
+    }
+
+    /// Root mean square distance from their mean of the vertices that the first path of each pixel meets first, metres.
+    fn extent_of_first_vertices(&self) -> f32 {
+        let tiles = self.levels[0].kept.iter().flatten().filter_map(OnceLock::get);
+        let positions: Vec<DVec3> =
+            tiles.flat_map(TileVertices::first_positions).map(Vec3::as_dvec3).collect();
+        let count = positions.len().max(1) as f64;
+        let mean = positions.iter().sum::<DVec3>() / count;
+        let variance = positions.iter().map(|position| position.distance_squared(mean)).sum::<f64>() / count;
+        variance.sqrt() as f32
+    }
+
     /// Divides lights into what is connected and what is not.
     ///
     /// # Errors
     /// If a light is none: see [`relume_gather::PreparedLight::new`].
     pub fn split(&self, lights: &[Light]) -> Result<SplitLights, GatherError> {
         let mut split = SplitLights { emitters: Vec::new(), rest: lights.to_vec() };
-        for (number, rest) in split.rest.iter_mut().enumerate().filter(|(_, light)| Emitter::covers(light)) {
+        for (number, rest) in split.rest.iter_mut().enumerate().filter(|(_, light)| self.covers(light)) {
             split.emitters.push((number, Emitter::new(rest, &self.manifest)?));
             rest.lobes.diffuse = 0.0;
         }
@@ -345,6 +388,21 @@ mod tests {
     use relume_trace::Control;
 
     #[test]
+    fn small_lights_are_connected_and_large_ones_are_not() {
+        let scene = Arc::new(closed_box((24, 24)).unwrap());
+        let manifest = Tracer::new(&scene, &TraceSettings::default()).unwrap().manifest();
+        let connections = Connections::new(scene.clone(), &manifest, None).unwrap().unwrap();
+        assert!(connections.prepare_next(&|| false));
+        let covers = |radius| {
+            let shape = LightShape::Sphere { center: Vec3::ZERO, radius };
+            connections.covers(&Light::unit(shape))
+        };
+        assert!(covers(0.02) && !covers(0.15));
+        let sun = |half_angle| LightShape::Sun { direction: Vec3::Z, half_angle };
+        assert!(connections.covers(&Light::unit(sun(0.005))) && !connections.covers(&Light::unit(sun(0.3))));
+    }
+
+    #[test]
     fn connected_light_has_the_mean_of_crossings_and_less_noise() {
         let scene = Arc::new(closed_box((24, 24)).unwrap());
         let settings = TraceSettings { samples: 1024, ..TraceSettings::default() };
@@ -357,8 +415,10 @@ mod tests {
         let connections = Connections::new(scene.clone(), gather.dump().manifest(), None).unwrap().unwrap();
         while connections.prepare_next(&|| false) {}
         let lights = bulbs(3);
-        let split = connections.split(&lights).unwrap();
-        let joined = connections.images(&gather, &lights, &split.emitters, usize::MAX, &|| false).unwrap();
+        let manifest = gather.dump().manifest();
+        let emitter = |(number, light)| (number, Emitter::new(light, manifest).unwrap());
+        let emitters: Vec<_> = lights.iter().enumerate().map(emitter).collect();
+        let joined = connections.images(&gather, &lights, &emitters, usize::MAX, &|| false).unwrap();
         for (light, (_, joined)) in lights.iter().zip(joined) {
             let crossed = &gather.unit_images(&[gather.prepare(light).unwrap()], SampleSplit::All)[0];
             let differences: Vec<f64> =

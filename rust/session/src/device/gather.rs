@@ -2,8 +2,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
 
 use relume_gather::{
-    Emitter, Environment, Gather, GatherError, Goals, GpuGather, PreparedLight, SampleSplit, SoftCompared,
-    SoftGather, UnitValues,
+    Environment, Gather, GatherError, Goals, GpuGather, PreparedLight, SampleSplit, SoftCompared, SoftGather,
+    UnitValues,
 };
 use relume_gpu::compare::StepTargets;
 use relume_gpu::{Gpu, GpuError};
@@ -77,7 +77,7 @@ impl DeviceGather {
 
     /// True if the diffuse light of a light is connected.
     pub fn connects(&self, light: &Light) -> bool {
-        self.connections.is_some() && Emitter::covers(light)
+        self.connections.as_ref().is_some_and(|(connections, _)| connections.covers(light))
     }
 
     /// Allows sorting the copy on the GPU in the background after several relights, once nothing else needs the CPU.

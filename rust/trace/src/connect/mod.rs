@@ -50,6 +50,11 @@ impl TileVertices {
         &self.vertices[self.offsets[pixel]..self.offsets[pixel + 1]]
     }
 
+    /// World-space positions of vertices before which nothing scattered their path.
+    pub fn first_positions(&self) -> impl Iterator<Item = Vec3> + '_ {
+        self.vertices.iter().filter(|vertex| vertex.is_first()).map(|vertex| vertex.position)
+    }
+
     /// Memory that they take, bytes.
     pub fn bytes(&self) -> usize {
         let closures = self.vertices.iter().map(DiffuseVertex::more_bytes).sum::<usize>();
