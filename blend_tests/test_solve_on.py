@@ -19,7 +19,8 @@ from helpers import add_world, settled, until
 
 @pytest.fixture
 def shown(studio):
-    """With its picture, and a stroke for a light that may only move. With a shadow it would be connected, and clean anywhere."""
+    """With its picture, and a stroke for a light that may only move. With a shadow it would be connected, and clean
+    anywhere."""
     bpy.data.lights["Key"].shadow_soft_size = 0.01
     bpy.data.lights["Key"].use_shadow = False
     studio.relume_solve.effort = "QUICK"
