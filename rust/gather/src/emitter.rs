@@ -43,12 +43,7 @@ impl Emitter {
 
     /// Factor on its diffuse light on a receiver; 0 if that is not lit.
     pub fn factor(&self, receiver: u16) -> f32 {
-        let is_lit = self
-            .0
-            .receivers
-            .as_ref()
-            .is_none_or(|bits| bits[usize::from(receiver / 64)] >> (receiver % 64) & 1 != 0);
-        if is_lit { self.0.factors[Lobe::Diffuse as usize] } else { 0.0 }
+        if self.0.lights(receiver) { self.0.factors[Lobe::Diffuse as usize] } else { 0.0 }
     }
 
     /// A direction from a point to the light by two numbers in 0..1; nothing if none of its light comes that way. The surface there faces

@@ -171,15 +171,17 @@ impl PreparedLight {
         Ok(Self { reach: profile.reach(), profile, factors, receivers, map: map.map_err(fail)? })
     }
 
+    /// True if a receiver is lit.
+    pub(crate) fn lights(&self, receiver: u16) -> bool {
+        let is_lit = |bits: &[u64]| bits[usize::from(receiver / 64)] >> (receiver % 64) & 1 != 0;
+        self.receivers.as_ref().is_none_or(|bits| is_lit(&bits[..]))
+    }
+
     /// Weight of a segment of this lobe and receiver; 0 if the light leaves it out, or for what is not a segment.
     pub(crate) fn factor(&self, flags: relume_dump::Flags) -> f32 {
         let Some(lobe) = flags.lobe() else { return 0.0 };
-        let lit = self.receivers.as_ref().is_none_or(|bits| {
-            // Camera rays leave no object; light linking does not concern them.
-            lobe == Lobe::Camera
-                || bits[usize::from(flags.receiver() / 64)] >> (flags.receiver() % 64) & 1 != 0
-        });
-        if lit { self.factors[lobe as usize] } else { 0.0 }
+        // Camera rays leave no object; light linking does not concern them.
+        if lobe == Lobe::Camera || self.lights(flags.receiver()) { self.factors[lobe as usize] } else { 0.0 }
     }
 }
 

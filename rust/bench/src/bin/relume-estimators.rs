@@ -26,7 +26,7 @@ struct Args {
     /// JSON file to write.
     #[arg(long, short)]
     out: PathBuf,
-    /// Sizes of lights by the diagonal of what the paths reach.
+    /// Radii of lights by half of the diagonal of what the paths reach.
     #[arg(long, value_delimiter = ',', default_values_t = [0.003, 0.01, 0.03, 0.1])]
     sizes: Vec<f32>,
     /// Lights of each size.
@@ -182,7 +182,7 @@ fn first_passes(dump: &Dump, samples: u32) -> Dump {
     dump.passes(0..passes.count())
 }
 
-/// A sphere somewhere on a random segment of the paths, of a size by the diagonal of the room that the paths reach.
+/// A sphere somewhere on a random segment of the paths, of a radius by half of the diagonal of what the paths reach.
 fn random_light(dump: &Dump, size: f32, seed: u64) -> Light {
     let shards: Vec<_> = dump.shards().collect();
     let (low, high) = shards.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), shard| {

@@ -37,7 +37,7 @@ pub(crate) struct Connections {
     prepared: AtomicUsize,
     /// Extent of what the camera sees, metres, once the first level is there.
     extent: OnceLock<f32>,
-    images: Mutex<LightCache<Option<Arc<ConnectedImage>>>>,
+    images: Mutex<LightCache<Arc<ConnectedImage>>>,
 }
 
 struct Level {
@@ -64,7 +64,7 @@ pub(crate) type NumberedImages = Vec<(usize, Arc<ConnectedImage>)>;
 pub(crate) struct SplitLights {
     /// Lights that are connected, by their number.
     pub emitters: Vec<(usize, Emitter)>,
-    /// What remains of all lights.
+    /// All lights, those without the part that is connected.
     pub rest: Vec<Light>,
 }
 
@@ -76,8 +76,8 @@ const VERTEX_MEMORY: usize = 1 << 30;
 const PATHS: u32 = 32;
 /// Vertices that are kept of a path but its first: those of later bounces matter less.
 const LATER: u32 = 2;
-/// Largest radius, or half of an edge, of lights that are connected, by the extent of what the camera sees. At about this size the two
-/// have the same error where a bake has 512 paths (`docs/bench/quality.md`).
+/// Largest radius, or half of an edge, of lights that are connected, by the extent of what the camera sees. Close to surfaces, and in
+/// skin, larger ones have more noise by connections of few paths than by crossings of many.
 const MOST_RADIUS: f32 = 0.06;
 /// Largest half angle of suns that are connected, radians.
 const MOST_ANGLE: f32 = 0.06;
@@ -213,8 +213,7 @@ impl Connections {
         levels: usize,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Option<NumberedImages> {
-        let known =
-            |(number, _): &(usize, Emitter)| self.cache().get_used(&lights[*number]).cloned().flatten();
+        let known = |(number, _): &(usize, Emitter)| self.cache().get_used(&lights[*number]).cloned();
         let mut images: Vec<Option<Arc<ConnectedImage>>> = emitters.iter().map(known).collect();
         for (number, level) in self.levels[..self.ready()].iter().enumerate().take(levels) {
             let is_behind = |i: &usize| images[*i].as_ref().map_or(0, |image| image.levels) == number;
@@ -227,15 +226,16 @@ impl Connections {
         }
         let mut cache = self.cache();
         let images = emitters.iter().zip(images).filter_map(|((number, _), image)| {
-            *cache.get_or_insert(&lights[*number], || None) = image.clone();
-            Some((*number, image?))
+            let image = image?;
+            *cache.get_or_insert(&lights[*number], || Arc::clone(&image)) = Arc::clone(&image);
+            Some((*number, image))
         });
         let images = Some(images.collect());
-        cache.trim(&[], IMAGE_MEMORY, |image| image.as_ref().map_or(0, |image| image.bytes()));
+        cache.trim(&[], IMAGE_MEMORY, |image| image.bytes());
         images
     }
 
-    /// What [`Self::images`] gives of the first level, in a hurry: blocks of two by two pixels where a light is not known yet.
+    /// Images of the first level alone, in a hurry: in blocks of two by two pixels where [`Self::images`] has made none yet.
     pub fn coarse_images(
         &self,
         gather: &Gather,
@@ -243,7 +243,7 @@ impl Connections {
         emitters: &[(usize, Emitter)],
     ) -> NumberedImages {
         let known =
-            |(number, _): &(usize, Emitter)| Some((*number, self.cache().get(&lights[*number]).cloned()??));
+            |(number, _): &(usize, Emitter)| Some((*number, self.cache().get(&lights[*number]).cloned()?));
         let known: NumberedImages = emitters.iter().filter_map(known).collect();
         let is_new = |(number, _): &&(usize, Emitter)| known.iter().all(|(known, _)| known != number);
         let (numbers, new): (Vec<usize>, Vec<&Emitter>) =
@@ -254,7 +254,7 @@ impl Connections {
         known.into_iter().chain(numbers.into_iter().zip(images)).collect()
     }
 
-    fn cache(&self) -> MutexGuard<'_, LightCache<Option<Arc<ConnectedImage>>>> {
+    fn cache(&self) -> MutexGuard<'_, LightCache<Arc<ConnectedImage>>> {
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -321,7 +321,7 @@ fn fill_blocks(values: &mut [[f32; 3]], rect: TileRect, block: usize) {
     }
 }
 
-/// What a light adds by one point on it to the pixel of a vertex.
+/// Light of one point on a light at a vertex, as it adds to the pixel.
 fn connect(
     tracer: &Tracer<'_>,
     vertex: &DiffuseVertex,

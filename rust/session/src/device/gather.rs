@@ -46,7 +46,7 @@ impl Haste<'_> {
 
 /// Unit image of a light in two parts.
 pub(crate) struct UnitParts {
-    /// What is summed over the crossings of a pass.
+    /// Sum over the crossings of a pass.
     pub crossed: DeviceImage,
     /// Diffuse light that is connected, of as many paths as so far; none where it is summed over crossings.
     pub connected: Option<Arc<ConnectedImage>>,

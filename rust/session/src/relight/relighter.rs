@@ -1,8 +1,9 @@
+mod connected;
+
 use crate::bake::features::camera;
 use crate::bake::guiding::{GuideCoverage, GuidingRecord};
 use crate::bake::world::{WorldAbout, WorldLayer, aovs_of, own_world};
 use crate::device::compute::Compute;
-use crate::device::connections::Connections;
 use crate::device::gather::DeviceGather;
 use crate::device::image::DeviceImage;
 use crate::device::proxies::DeviceProxies;
@@ -10,9 +11,8 @@ use crate::error::SessionError;
 use crate::files::base_layers;
 use crate::files::damage::{damage_message, reason_of};
 use crate::files::light_set::LightSet;
-use crate::files::names::{GUIDED_FILE, SCENE_FILE, VIEW_FILE, WORLD_FILE};
+use crate::files::names::{GUIDED_FILE, VIEW_FILE, WORLD_FILE};
 use crate::files::proxies::Proxies;
-use crate::files::scene_file::SceneFile;
 use crate::progress::{Monitor, Stage};
 use crate::relight::denoise::Denoise;
 use crate::relight::film::Film;
@@ -29,7 +29,7 @@ use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, Scene, Texture, World};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Turns lights into pictures of all paths, from a bake folder with dump and proxies, or from proxies alone. It keeps each
 /// light's unit image, so that another colour, strength or mute is only a new sum.
@@ -138,38 +138,6 @@ impl Relighter {
         Self { denoise, compute: compute.clone(), ..self }
     }
 
-    /// True if a scene is the one that was baked.
-    pub fn is_of(&self, scene: &Scene) -> bool {
-        self.scene_hash == scene.hash()
-    }
-
-    /// Connects lights in the scene of the bake from now on, where that can be: their diffuse light has much less noise.
-    ///
-    /// # Errors
-    /// If the scene is not that of the bake ([`Self::is_of`]), or has too many triangles.
-    pub fn connect(&mut self, scene: Arc<Scene>) -> Result<(), SessionError> {
-        let Some(gather) = &mut self.gather else { return Ok(()) };
-        let manifest = gather.gather().dump().manifest().clone();
-        if let Some(connections) = Connections::new(scene, &manifest, None)? {
-            let mut levels = 0..manifest.passes.len();
-            while levels.next().is_some() && connections.prepare_next(&|| false) {}
-            gather.connect(&Arc::new(connections), manifest.passes.len());
-            self.units = Mutex::default();
-        }
-        Ok(())
-    }
-
-    /// [`Self::connect`] in the scene that the bake folder holds, if it does; a warning tells what is wrong with that.
-    pub fn connect_stored(&mut self, monitor: &Monitor) {
-        let path = self.folder.join(SCENE_FILE);
-        if self.gather.is_none() || !path.exists() {
-            return;
-        }
-        if let Err(error) = SceneFile::read(&path).and_then(|file| self.connect(Arc::new(file.scene))) {
-            monitor.warn(&damage_message(&path, &reason_of(error)));
-        }
-    }
-
     /// The camera that was baked.
     pub fn camera(&self) -> &Camera {
         &self.camera
@@ -193,23 +161,6 @@ impl Relighter {
     /// Dump on the device that gathers from it.
     pub(crate) fn device_gather(&self) -> Option<&DeviceGather> {
         self.gather.as_ref()
-    }
-
-    /// True if hardly any path meets a light, but paths guided towards it would
-    /// ([`relume_trace::TraceSettings::guide_targets`]). Its gathered picture is noise.
-    pub fn is_under_sampled(&self, light: &Light) -> bool {
-        if self.connects(light) {
-            return false;
-        }
-        let under_sampled = self.coverage.as_ref().and_then(|coverage| coverage.under_sampled(light));
-        under_sampled.is_some_and(|under_sampled| under_sampled.guiding_helps)
-    }
-
-    /// Lights whose pictures are noise in the dump, while guided paths would meet them ([`Self::is_under_sampled`]).
-    pub fn under_sampled<'a>(&self, lights: &'a [Light]) -> Vec<&'a Light> {
-        let source = |light: &Light| self.source(light, &RelightOptions::default());
-        let is_gathered = |light: &Light| matches!(source(light), Ok(UnitSource::GatherDenoised));
-        lights.iter().filter(|light| is_gathered(light) && self.is_under_sampled(light)).collect()
     }
 
     /// Devices that it runs on.
@@ -506,11 +457,6 @@ impl Relighter {
                 self.folder.display()
             ))
         })
-    }
-
-    /// True if the diffuse light of a light is connected.
-    fn connects(&self, light: &Light) -> bool {
-        self.gather.as_ref().is_some_and(|gather| gather.connects(light))
     }
 
     fn units(&self) -> MutexGuard<'_, UnitCache> {

@@ -66,7 +66,7 @@ impl OrenNayar {
 }
 
 impl Surface {
-    /// What the diffuse closures scatter of white light from one of the directions around their mean normal
+    /// White light that the diffuse closures scatter from one of the directions around their mean normal
     /// (`surface_shader_ao`), and that direction; nothing where there are none.
     pub(crate) fn scatter_open_light(&self, u: [f32; 2]) -> Option<(Vec3, Vec3)> {
         let (mut weight, mut normal) = (Vec3::ZERO, Vec3::ZERO);

@@ -38,11 +38,6 @@ impl DiffuseClosures {
         self.closures[0].normal
     }
 
-    /// Memory that they take, bytes.
-    pub fn bytes(&self) -> usize {
-        size_of::<Self>() + size_of_val(&*self.closures)
-    }
-
     /// Sum of their weights.
     pub fn weight(&self) -> Vec3 {
         self.closures.iter().map(|closure| closure.weight).sum()

@@ -29,13 +29,6 @@ pub struct VertexLimits {
     pub later: usize,
 }
 
-impl Default for VertexLimits {
-    /// Enough shadow rays for soft shadows, and for indirect light that a denoiser makes smooth.
-    fn default() -> Self {
-        Self { first: 16, later: 32 }
-    }
-}
-
 /// Diffuse vertices of the paths of a tile.
 #[derive(Debug, Default)]
 pub struct TileVertices {
@@ -53,12 +46,6 @@ impl TileVertices {
     /// World-space positions of vertices before which nothing scattered their path.
     pub fn first_positions(&self) -> impl Iterator<Item = Vec3> + '_ {
         self.vertices.iter().filter(|vertex| vertex.is_first()).map(|vertex| vertex.position)
-    }
-
-    /// Memory that they take, bytes.
-    pub fn bytes(&self) -> usize {
-        let closures = self.vertices.iter().map(DiffuseVertex::more_bytes).sum::<usize>();
-        size_of_val(self.offsets.as_slice()) + size_of_val(self.vertices.as_slice()) + closures
     }
 }
 
@@ -102,8 +89,8 @@ impl Tracer<'_> {
         kept
     }
 
-    /// What light of radiance 1 per steradian adds to the pixel of a vertex from the unit direction `wi`, `distance` metres away
-    /// (infinite outside of the scene), RGB.
+    /// Contribution to the pixel of a vertex, RGB, of light from the unit direction `wi` of radiance 1 per steradian. It comes from
+    /// `distance` metres away, infinite outside of the scene.
     pub fn connect(
         &self,
         vertex: &DiffuseVertex,

@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use relume_dump::{RGB9E5_MAX, decode_direction, decode_rgb9e5, dither, encode_direction, encode_rgb9e5};
+use relume_dump::{decode_direction, decode_rgb9e5, dither, encode_direction, encode_rgb9e5};
 use relume_scene::Scene;
 
 use crate::{
@@ -37,7 +37,7 @@ pub struct DiffuseVertex {
     transparent_left: u8,
 }
 
-/// What few vertices have.
+/// Parts that few vertices have.
 #[derive(Clone, Debug)]
 struct Rare {
     /// The closures, if they are not Lambert's.
@@ -110,20 +110,14 @@ impl DiffuseVertex {
         (decode_rgb9e5(self.weight) * albedo).max_element()
     }
 
-    /// Memory that it takes beside itself, bytes.
-    pub(super) fn more_bytes(&self) -> usize {
-        let closures = self.rare.as_ref().and_then(|rare| rare.closures.as_ref());
-        closures.map_or(0, DiffuseClosures::bytes) + self.rare.as_ref().map_or(0, |_| size_of::<Rare>())
-    }
-
     /// The vertex with so many times its weight.
     pub(super) fn scaled(&self, factor: f32) -> Self {
         let weight = packed(decode_rgb9e5(self.weight) * factor, self.position);
         Self { weight, ..self.clone() }
     }
 
-    /// What light of radiance 1 per steradian from the unit direction `wi` adds to the pixel if nothing is in between, and the
-    /// ray that tells whether something is; nothing where none is reflected.
+    /// Contribution to the pixel of light from the unit direction `wi`, of radiance 1 per steradian, if nothing is in between, and
+    /// the ray that tells whether something is; nothing where none is reflected.
     pub(super) fn reflect(&self, wi: Vec3) -> Option<(Vec3, Ray)> {
         let (geometric, shading) = (decode_direction(self.geometric), decode_direction(self.shading));
         let rare = self.rare.as_ref();
@@ -166,5 +160,5 @@ impl DiffuseVertex {
 /// A weight as rgb9e5, right on average: rounded by the bits of a position.
 fn packed(weight: Vec3, position: Vec3) -> u32 {
     let [x, y, z] = position.to_array().map(f32::to_bits);
-    encode_rgb9e5(weight.min(Vec3::splat(RGB9E5_MAX)), dither(x ^ z.rotate_left(16), y))
+    encode_rgb9e5(weight, dither(x ^ z.rotate_left(16), y))
 }
