@@ -8,6 +8,8 @@ const CONTINUES = 1u << 16u;
 const ESCAPED = 1u << 17u;
 // Bits of which a segment that starts at the camera's position has none.
 const NOT_FROM_CAMERA = 0x1du << 16u;
+// Code of the lobe of diffuse reflection.
+const DIFFUSE = 1u;
 // Code of a camera segment behind an origin record.
 const CAMERA_BEHIND_ORIGIN = 5u;
 

@@ -65,7 +65,9 @@ struct Light {
     // Factor by distance, as of `Falloff`; 0 and 0 for none.
     falloff_power: f32,
     falloff_smooth: f32,
-    padding: vec2u,
+    // What squared distances are multiplied by for the share of diffuse light that counts by crossings; 0 for all of it.
+    crossed_diffuse: f32,
+    padding: u32,
 }
 
 @group(0) @binding(0) var<storage, read> lights: array<Light>;
@@ -110,7 +112,7 @@ fn weight(light: u32, s: Segment) -> f32 {
     if factor == 0.0 {
         return 0.0;
     }
-    return factor * profile(light, s);
+    return factor * profile(light, s) * crossed_share(light, s);
 }
 
 // What a piece of a ray is weighted with that began `behind` metres before (`rust/gather/src/piece.rs`): nothing of a light
@@ -136,6 +138,36 @@ fn factor(light: u32, z_flags: u32) -> f32 {
         return 0.0;
     }
     return lights[light].factors[lobe];
+}
+
+// Share of what a segment sees that counts by crossings (`rust/gather/src/balance.rs`).
+fn crossed_share(light: u32, s: Segment) -> f32 {
+    let scale = lights[light].crossed_diffuse;
+    if scale == 0.0 || lobe_code(s.z_flags) != DIFFUSE {
+        return 1.0;
+    }
+    let ratio = scale * squared_distance(light, s.origin);
+    return 1.0 / (1.0 + ratio * ratio);
+}
+
+// Squared distance of a place from a light: from the centre of a ball, from the next point of an area; 1 for a sun, 0 for a
+// sheared area.
+fn squared_distance(light: u32, place: vec3f) -> f32 {
+    let from_center = place - lights[light].center;
+    switch lights[light].kind {
+        case QUAD, ELLIPSE: {
+            let nearest = along_edge(lights[light].inverse_u, from_center) + along_edge(lights[light].inverse_v, from_center);
+            return dot(from_center - nearest, from_center - nearest);
+        }
+        case SUN: { return 1.0; }
+        case SHEARED_QUAD, SHEARED_ELLIPSE: { return 0.0; }
+        default: { return dot(from_center, from_center); }
+    }
+}
+
+// The part along an edge of the way from the centre of an area, up to the area's end; the edge is divided by its squared length.
+fn along_edge(inverse: vec3f, from_center: vec3f) -> vec3f {
+    return inverse * (clamp(dot(from_center, inverse), -0.5, 0.5) / dot(inverse, inverse));
 }
 
 fn profile(light: u32, s: Segment) -> f32 {

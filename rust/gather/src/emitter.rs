@@ -7,10 +7,11 @@ use relume_dump::{Lobe, Manifest};
 use relume_scene::{Light, LightShape};
 
 use crate::GatherError;
+use crate::balance::Balance;
 use crate::light::{Ball, FAR, Plane, PreparedLight, Profile};
 use crate::rules::with_rules;
 
-/// A light that is summed over diffuse vertices by points on it, not by crossings. Its size has no floor.
+/// A light that is summed over diffuse vertices by points on it, but for the share that counts by crossings. Its size has no floor.
 #[derive(Clone, Debug)]
 pub struct Emitter(PreparedLight);
 
@@ -37,13 +38,18 @@ impl Emitter {
     ///
     /// # Errors
     /// See [`PreparedLight::new`].
-    pub fn new(light: &Light, manifest: &Manifest) -> Result<Self, GatherError> {
-        Ok(Self(PreparedLight::new(&with_rules(light, manifest), 0.0)?))
+    pub fn new(light: &Light, manifest: &Manifest, balance: Balance) -> Result<Self, GatherError> {
+        Ok(Self(PreparedLight::new(&with_rules(light, manifest), 0.0)?.balanced(balance)))
     }
 
     /// Factor on its diffuse light on a receiver; 0 if that is not lit.
     pub fn factor(&self, receiver: u16) -> f32 {
         if self.0.lights(receiver) { self.0.factors[Lobe::Diffuse as usize] } else { 0.0 }
+    }
+
+    /// Share of its diffuse light at a place that does not count by crossings.
+    pub fn share(&self, place: Vec3) -> f32 {
+        1.0 - self.0.crossed.at(Lobe::Diffuse, &self.0.profile, place)
     }
 
     /// A direction from a point to the light by two numbers in 0..1; nothing if none of its light comes that way. The surface there faces
@@ -144,7 +150,7 @@ mod tests {
         let origins = [Vec3::ZERO, Vec3::new(1.0, -0.5, 0.3), Vec3::new(-6.0, 4.0, 5.0)];
         let mut seen = 0;
         for light in random_lights().iter().filter(|light| Emitter::covers(light)) {
-            let emitter = Emitter::new(light, &manifest).unwrap();
+            let emitter = Emitter::new(light, &manifest, Balance { connected: 1, crossed: 1 }).unwrap();
             for origin in origins {
                 let above = |direction: Vec3| direction.dot(normal).max(0.0);
                 let of_emitter = |i| {

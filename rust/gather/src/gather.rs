@@ -4,6 +4,7 @@ use relume_dump::Dump;
 use relume_image::Image;
 use relume_scene::{Light, LightShape};
 
+use crate::balance::Balance;
 use crate::kernel::{self, Isa, KernelWork, Sink};
 use crate::light::PreparedLight;
 use crate::rules::with_rules;
@@ -97,6 +98,14 @@ impl Gather {
     /// See [`PreparedLight::new`].
     pub fn prepare(&self, light: &Light) -> Result<PreparedLight, GatherError> {
         PreparedLight::new(&with_rules(light, self.dump.manifest()), self.floor)
+    }
+
+    /// [`Gather::prepare`] for a light that is connected, too ([`Emitter`](crate::Emitter)).
+    ///
+    /// # Errors
+    /// See [`PreparedLight::new`].
+    pub fn prepare_balanced(&self, light: &Light, balance: Balance) -> Result<PreparedLight, GatherError> {
+        Ok(self.prepare(light)?.balanced(balance))
     }
 
     /// [`Gather::prepare`] for many.

@@ -282,8 +282,9 @@ fn evaluate(shard: &Shard, block: &SegmentBlock, index: usize, light: &PreparedL
     };
     let weight = factor * collected;
     if weight != 0.0 {
-        let contribution = decode_rgb9e5(shard.throughput()[record]) * weight;
         let (origin, edge) = piece.map_or((start, edge), |piece| (piece.origin, piece.to_end));
+        let weight = weight * light.crossed_share(flags, origin);
+        let contribution = decode_rgb9e5(shard.throughput()[record]) * weight;
         let tint = |map: &PreparedMap| contribution * map.factor(origin, edge);
         sink.add(record, light.map.as_ref().map_or(contribution, tint));
     }

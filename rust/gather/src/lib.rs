@@ -10,6 +10,7 @@
 //! beyond a side of its box (`cull_avx2`). What remains is evaluated exactly (`light`). Throughputs are read for hits
 //! only.
 
+mod balance;
 #[cfg(target_arch = "x86_64")]
 mod cull_avx2;
 #[cfg(target_arch = "x86_64")]
@@ -34,6 +35,7 @@ mod sample_split;
 mod sheared;
 mod soft;
 
+pub use balance::Balance;
 pub use denoise::{DenoiseDevice, DenoiseError, DenoiseFeatures, DenoiseQuality, Denoiser, Stop};
 pub use emitter::{Emitter, LightSample};
 pub use environment::Environment;

@@ -10,6 +10,7 @@ use relume_dump::{Lobe, RECEIVER_LIMIT};
 use relume_scene::{Light, LightShape, LobeFactors};
 
 use crate::GatherError;
+use crate::balance::{Balance, CrossedShares};
 use crate::emission_map::PreparedMap;
 use crate::piece::RayPiece;
 use crate::sheared::Sheared;
@@ -31,6 +32,10 @@ pub struct PreparedLight {
     pub(crate) receivers: Option<Box<[u64; RECEIVER_LIMIT as usize / 64]>>,
     /// Factors by direction or place.
     pub(crate) map: Option<PreparedMap>,
+    /// Shares that count by crossings.
+    pub(crate) crossed: CrossedShares,
+    /// True area by that of the profile.
+    area_scale: f32,
 }
 
 /// Geometry and emission profile.
@@ -168,7 +173,20 @@ impl PreparedLight {
             bits
         });
         let map = light.map.as_ref().map(|placed| PreparedMap::new(placed, &profile)).transpose();
-        Ok(Self { reach: profile.reach(), profile, factors, receivers, map: map.map_err(fail)? })
+        Ok(Self {
+            reach: profile.reach(),
+            profile,
+            factors,
+            receivers,
+            map: map.map_err(fail)?,
+            crossed: CrossedShares::default(),
+            area_scale: scale,
+        })
+    }
+
+    /// The light as one that is connected, too.
+    pub(crate) fn balanced(self, balance: Balance) -> Self {
+        Self { crossed: CrossedShares::new(balance, &self.profile, self.area_scale), ..self }
     }
 
     /// True if a receiver is lit.
@@ -182,6 +200,11 @@ impl PreparedLight {
         let Some(lobe) = flags.lobe() else { return 0.0 };
         // Camera rays leave no object; light linking does not concern them.
         if lobe == Lobe::Camera || self.lights(flags.receiver()) { self.factors[lobe as usize] } else { 0.0 }
+    }
+
+    /// Share of what a segment from `origin` sees that counts by crossings.
+    pub(crate) fn crossed_share(&self, flags: relume_dump::Flags, origin: Vec3) -> f32 {
+        flags.lobe().map_or(0.0, |lobe| self.crossed.at(lobe, &self.profile, origin))
     }
 }
 

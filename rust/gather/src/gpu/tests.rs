@@ -6,7 +6,7 @@ use relume_gpu::{GpuChoice, GpuError};
 use relume_scene::{Light, LightShape};
 
 use super::*;
-use crate::tests::kernels::{random_dump_of, random_lights};
+use crate::tests::kernels::{prepare_random, random_dump_of, random_lights};
 use crate::tests::{Random, dump, light, manifest, segment};
 
 const HALVES: [SampleSplit; 3] = [SampleSplit::All, SampleSplit::First, SampleSplit::Second];
@@ -37,7 +37,7 @@ fn mean(image: &Image) -> f64 {
 #[test]
 fn images_equal_those_of_the_cpu_for_every_light_and_half() {
     let gather = Gather::new(random_dump_of(10, &[1, 3, 4, 40]));
-    let lights = gather.prepare_all(&random_lights()).unwrap();
+    let lights = prepare_random(&gather);
     let on_gpu = GpuGather::new(gpu(), &gather).unwrap();
     assert!(on_gpu.is_resident());
     let (mut lit, mut different) = (0, 0);

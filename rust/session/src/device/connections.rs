@@ -3,12 +3,12 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 use relume_dump::{Manifest, Pass, TileRect};
-use relume_gather::{Emitter, Gather, GatherError};
+use relume_gather::{Balance, Emitter, Gather, GatherError, PreparedLight};
 use relume_image::Image;
-use relume_scene::{Light, LightShape, Scene};
+use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
 use relume_trace::sampler::PixelSampler;
 use relume_trace::{
@@ -35,8 +35,7 @@ pub(crate) struct Connections {
     levels: Vec<Level>,
     /// Number of levels whose vertices were traced to be kept.
     prepared: AtomicUsize,
-    /// Extent of what the camera sees, metres, once the first level is there.
-    extent: OnceLock<f32>,
+    balance: Balance,
     images: Mutex<LightCache<Arc<ConnectedImage>>>,
 }
 
@@ -60,14 +59,6 @@ pub(crate) struct ConnectedImage {
 /// Images of some lights, by their number.
 pub(crate) type NumberedImages = Vec<(usize, Arc<ConnectedImage>)>;
 
-/// Lights, each divided into what is connected and what is summed over crossings.
-pub(crate) struct SplitLights {
-    /// Lights that are connected, by their number.
-    pub emitters: Vec<(usize, Emitter)>,
-    /// All lights, those without the part that is connected.
-    pub rest: Vec<Light>,
-}
-
 /// Group of the sampler whose numbers choose points on lights.
 const LIGHT_GROUP: u32 = 1 << 25;
 /// Memory of all vertices that are kept, bytes.
@@ -76,11 +67,8 @@ const VERTEX_MEMORY: usize = 1 << 30;
 const PATHS: u32 = 32;
 /// Vertices that are kept of a path but its first: those of later bounces matter less.
 const LATER: u32 = 2;
-/// Largest radius, or half of an edge, of lights that are connected, by the extent of what the camera sees. Close to surfaces, and in
-/// skin, larger ones have more noise by connections of few paths than by crossings of many.
-const MOST_RADIUS: f32 = 0.06;
-/// Largest half angle of suns that are connected, radians.
-const MOST_ANGLE: f32 = 0.06;
+/// Least share of a light that is connected at each vertex. Below it, fewer vertices are connected in its place.
+const LEAST_SHARE: f32 = 0.1;
 /// Memory of images that are kept for later, bytes.
 const IMAGE_MEMORY: usize = 1 << 28;
 
@@ -116,12 +104,15 @@ impl Connections {
             return Ok(None);
         }
         let (manifest, levels) = (manifest.clone(), levels(manifest));
+        // As many levels as the bake has passes count.
+        let connected = levels.iter().take(manifest.passes.len()).map(|level| level.pass.samples).sum();
+        let balance = Balance { connected, crossed: manifest.samples() };
         Ok(Some(Self {
             tracer,
             manifest,
             levels,
             prepared: AtomicUsize::new(0),
-            extent: OnceLock::new(),
+            balance,
             images: Mutex::default(),
         }))
     }
@@ -161,46 +152,25 @@ impl Connections {
         self.manifest.scene_hash == manifest.scene_hash && self.manifest.seed == manifest.seed
     }
 
-    /// True if the diffuse light of a light is connected: a small one, which few paths cross. Large ones have less noise by the many
-    /// crossings of a bake's paths than by connections of few.
-    pub fn covers(&self, light: &Light) -> bool {
-        let most = MOST_RADIUS * *self.extent.get_or_init(|| self.extent_of_first_vertices());
-        let is_small = match light.shape {
-            LightShape::Sphere { radius, .. }
-            | LightShape::FacingDisk { radius, .. }
-            | LightShape::Spot { radius, .. }
-            | LightShape::StretchedSpot { radius, .. } => radius <= most,
-            LightShape::Quad { edge_u, edge_v, .. } | LightShape::Ellipse { edge_u, edge_v, .. } => {
-                0.5 * edge_u.length().max(edge_v.length()) <= most
-            }
-            LightShape::Sun { half_angle, .. } => half_angle <= MOST_ANGLE,
-            LightShape::Sheared { .. } => false,
-        };
-        is_small && Emitter::covers(light)
-    }
-
-    /// Root mean square distance from their mean of the vertices that the first path of each pixel meets first, metres.
-    fn extent_of_first_vertices(&self) -> f32 {
-        let tiles = self.levels[0].kept.iter().flatten().filter_map(OnceLock::get);
-        let positions: Vec<DVec3> =
-            tiles.flat_map(TileVertices::first_positions).map(Vec3::as_dvec3).collect();
-        let count = positions.len().max(1) as f64;
-        let mean = positions.iter().sum::<DVec3>() / count;
-        let variance = positions.iter().map(|position| position.distance_squared(mean)).sum::<f64>() / count;
-        variance.sqrt() as f32
-    }
-
-    /// Divides lights into what is connected and what is not.
+    /// Those of some lights whose diffuse light is connected, by their number.
     ///
     /// # Errors
     /// If a light is none: see [`relume_gather::PreparedLight::new`].
-    pub fn split(&self, lights: &[Light]) -> Result<SplitLights, GatherError> {
-        let mut split = SplitLights { emitters: Vec::new(), rest: lights.to_vec() };
-        for (number, rest) in split.rest.iter_mut().enumerate().filter(|(_, light)| self.covers(light)) {
-            split.emitters.push((number, Emitter::new(rest, &self.manifest)?));
-            rest.lobes.diffuse = 0.0;
-        }
-        Ok(split)
+    pub fn emitters(&self, lights: &[Light]) -> Result<Vec<(usize, Emitter)>, GatherError> {
+        let emitter = |(number, light)| Ok((number, Emitter::new(light, &self.manifest, self.balance)?));
+        lights.iter().enumerate().filter(|(_, light)| Emitter::covers(light)).map(emitter).collect()
+    }
+
+    /// Lights made ready for `gather`, which is of the same bake, without what is connected of them.
+    ///
+    /// # Errors
+    /// As [`Self::emitters`].
+    pub fn crossed(&self, gather: &Gather, lights: &[Light]) -> Result<Vec<PreparedLight>, GatherError> {
+        let prepare = |light| match Emitter::covers(light) {
+            true => gather.prepare_balanced(light, self.balance),
+            false => gather.prepare(light),
+        };
+        lights.iter().map(prepare).collect()
     }
 
     /// Diffuse parts of the unit images of those of `lights` that are connected, by their number, from so many levels or more as far as
@@ -297,9 +267,9 @@ impl Connections {
             let sampler = PixelSampler::new(self.manifest.seed, (rect.x + x) as u32, (rect.y + y) as u32);
             let first = (1 + LATER) * level.pass.first_sample;
             for (vertex, number) in vertices.pixel(y * rect.width + x).iter().zip(first..) {
-                let [u, v, ..] = sampler.draw(number, LIGHT_GROUP);
+                let u = sampler.draw(number, LIGHT_GROUP);
                 for (emitter, values) in lights.iter().zip(values.chunks_exact_mut(rect.pixel_count())) {
-                    let light = scale * connect(tracer, vertex, emitter, [u, v], &mut scratch);
+                    let light = scale * connect(tracer, vertex, emitter, u, &mut scratch);
                     let value = &mut values[y * rect.width + x];
                     value.iter_mut().zip(light.to_array()).for_each(|(value, light)| *value += light);
                 }
@@ -321,16 +291,20 @@ fn fill_blocks(values: &mut [[f32; 3]], rect: TileRect, block: usize) {
     }
 }
 
-/// Light of one point on a light at a vertex, as it adds to the pixel.
+/// Light of one point on a light at a vertex, as it adds to the pixel, by numbers in 0..1.
 fn connect(
     tracer: &Tracer<'_>,
     vertex: &DiffuseVertex,
     light: &Emitter,
-    u: [f32; 2],
+    [u, v, chance, ..]: [f32; 4],
     scratch: &mut ConnectScratch,
 ) -> Vec3 {
-    let factor = light.factor(vertex.receiver());
-    let sample = (factor != 0.0).then(|| light.sample(vertex.position, vertex.normal(), u)).flatten();
+    let share = light.share(vertex.position);
+    if share <= chance * LEAST_SHARE {
+        return Vec3::ZERO;
+    }
+    let factor = light.factor(vertex.receiver()) * share.max(LEAST_SHARE);
+    let sample = (factor != 0.0).then(|| light.sample(vertex.position, vertex.normal(), [u, v])).flatten();
     sample.map_or(Vec3::ZERO, |sample| {
         factor * sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, scratch)
     })
@@ -385,22 +359,8 @@ mod tests {
     use crate::test_box::{bulbs, closed_box};
     use relume_dump::MemoryWriter;
     use relume_gather::SampleSplit;
+    use relume_scene::LightShape;
     use relume_trace::Control;
-
-    #[test]
-    fn small_lights_are_connected_and_large_ones_are_not() {
-        let scene = Arc::new(closed_box((24, 24)).unwrap());
-        let manifest = Tracer::new(&scene, &TraceSettings::default()).unwrap().manifest();
-        let connections = Connections::new(scene.clone(), &manifest, None).unwrap().unwrap();
-        assert!(connections.prepare_next(&|| false));
-        let covers = |radius| {
-            let shape = LightShape::Sphere { center: Vec3::ZERO, radius };
-            connections.covers(&Light::unit(shape))
-        };
-        assert!(covers(0.02) && !covers(0.15));
-        let sun = |half_angle| LightShape::Sun { direction: Vec3::Z, half_angle };
-        assert!(connections.covers(&Light::unit(sun(0.005))) && !connections.covers(&Light::unit(sun(0.3))));
-    }
 
     #[test]
     fn connected_light_has_the_mean_of_crossings_and_less_noise() {
@@ -414,15 +374,23 @@ mod tests {
         let few = Gather::new(gather.dump().passes(0..6));
         let connections = Connections::new(scene.clone(), gather.dump().manifest(), None).unwrap().unwrap();
         while connections.prepare_next(&|| false) {}
-        let lights = bulbs(3);
-        let manifest = gather.dump().manifest();
-        let emitter = |(number, light)| (number, Emitter::new(light, manifest).unwrap());
-        let emitters: Vec<_> = lights.iter().enumerate().map(emitter).collect();
+        let mut lights = bulbs(3);
+        let panel = |edge: f32| LightShape::Quad {
+            center: Vec3::new(0.2, 0.1, 0.9),
+            edge_u: Vec3::Y * edge,
+            edge_v: Vec3::X * edge,
+            spread: std::f32::consts::PI,
+        };
+        let large = [panel(0.1), panel(1.2), LightShape::Sphere { center: Vec3::splat(0.7), radius: 0.6 }];
+        lights.extend(large.map(Light::unit));
+        let emitters = connections.emitters(&lights).unwrap();
         let joined = connections.images(&gather, &lights, &emitters, usize::MAX, &|| false).unwrap();
-        for (light, (_, joined)) in lights.iter().zip(joined) {
+        let rest = gather.unit_images(&connections.crossed(&gather, &lights).unwrap(), SampleSplit::All);
+        for ((light, mut image), (_, joined)) in lights.iter().zip(rest).zip(joined) {
+            image.add_scaled(&joined.image, &[1.0; 3]);
             let crossed = &gather.unit_images(&[gather.prepare(light).unwrap()], SampleSplit::All)[0];
             let differences: Vec<f64> =
-                crossed.data.iter().zip(&joined.image.data).map(|(a, b)| f64::from(a - b)).collect();
+                crossed.data.iter().zip(&image.data).map(|(a, b)| f64::from(a - b)).collect();
             let count = differences.len() as f64;
             let mean = differences.iter().sum::<f64>() / count;
             let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
@@ -434,7 +402,7 @@ mod tests {
                 rough.map(|(a, b)| f64::from(a[0] - b[0]).powi(2)).sum::<f64>()
             };
             let few = &few.unit_images(&[few.prepare(light).unwrap()], SampleSplit::All)[0];
-            assert!(noise(&joined.image) < 0.3 * noise(few), "{} {}", noise(&joined.image), noise(few));
+            assert!(noise(&image) < 0.3 * noise(few), "{} {}", noise(&image), noise(few));
         }
     }
 }

@@ -2,8 +2,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
 
 use relume_gather::{
-    Environment, Gather, GatherError, Goals, GpuGather, PreparedLight, SampleSplit, SoftCompared, SoftGather,
-    UnitValues,
+    Emitter, Environment, Gather, GatherError, Goals, GpuGather, PreparedLight, SampleSplit, SoftCompared,
+    SoftGather, UnitValues,
 };
 use relume_gpu::compare::StepTargets;
 use relume_gpu::{Gpu, GpuError};
@@ -77,7 +77,7 @@ impl DeviceGather {
 
     /// True if the diffuse light of a light is connected.
     pub fn connects(&self, light: &Light) -> bool {
-        self.connections.as_ref().is_some_and(|(connections, _)| connections.covers(light))
+        self.connections.is_some() && Emitter::covers(light)
     }
 
     /// Allows sorting the copy on the GPU in the background after several relights, once nothing else needs the CPU.
@@ -154,8 +154,10 @@ impl DeviceGather {
         of_cpu: impl Fn(Image) -> R,
     ) -> Result<(Vec<R>, NumberedImages), SessionError> {
         let connections = self.connections.as_ref().filter(|_| split == SampleSplit::All);
-        let connected = connections.map(|(connections, _)| connections.split(lights)).transpose()?;
-        let crossed = self.gather.prepare_all(connected.as_ref().map_or(lights, |split| &split.rest))?;
+        let crossed = match connections {
+            Some((connections, _)) => connections.crossed(&self.gather, lights)?,
+            None => self.gather.prepare_all(lights)?,
+        };
         let work = |gather: &GpuGather| on_gpu(gather, &crossed);
         let images = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
         if images.is_some() && self.may_sort.load(Ordering::Relaxed) {
@@ -166,12 +168,11 @@ impl DeviceGather {
             gather.unit_images(&crossed, split).into_iter().map(of_cpu).collect()
         };
         let images = images.unwrap_or_else(on_cpu);
-        let Some(((connections, levels), split)) = connections.zip(connected) else {
-            return Ok((images, Vec::new()));
-        };
+        let Some((connections, levels)) = connections else { return Ok((images, Vec::new())) };
+        let emitters = connections.emitters(lights)?;
         let diffuse = match haste {
-            Haste::Drag => Some(connections.coarse_images(&self.gather, lights, &split.emitters)),
-            Haste::Until(stop) => connections.images(&self.gather, lights, &split.emitters, *levels, stop),
+            Haste::Drag => Some(connections.coarse_images(&self.gather, lights, &emitters)),
+            Haste::Until(stop) => connections.images(&self.gather, lights, &emitters, *levels, stop),
         };
         Ok((images, diffuse.ok_or(SessionError::Cancelled)?))
     }
@@ -187,7 +188,7 @@ impl DeviceGather {
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<NumberedImages, SessionError> {
         let Some((connections, _)) = &self.connections else { return Ok(Vec::new()) };
-        let emitters = connections.split(lights)?.emitters;
+        let emitters = connections.emitters(lights)?;
         connections.images(&self.gather, lights, &emitters, levels, stop).ok_or(SessionError::Cancelled)
     }
 

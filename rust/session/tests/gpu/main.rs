@@ -9,7 +9,7 @@ mod training;
 use common::{RAW, Warnings, baked, baked_with, matters, sphere, trained, training};
 use glam::{Mat3, Vec3};
 use relume_session::gpu::{Gpu, GpuChoice, adapters};
-use relume_session::live::{Live, LiveOptions, LiveRequest};
+use relume_session::live::{Live, LiveOptions, LiveRequest, LiveState};
 use relume_session::proxy::{GroupQueries, LightKind, TargetMode, TargetSource};
 use relume_session::scene::{Alpha, ColorEncoding, LightShape, Texels, Texture, World};
 use relume_session::{
@@ -190,6 +190,10 @@ fn a_live_shot_whose_gpu_is_lost_goes_on_with_the_same_pictures() {
     let options = LiveOptions { device: Device::Gpu(choice.clone()), gpu_memory: None, threads: 2 };
     let live = Live::new(folder.path(), options);
     live.open(0.0).unwrap();
+    // Each level of connections that the work thread makes ready changes pictures.
+    while live.status().state != LiveState::Ready {
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
     let picture = |with: &str, gain: f32| {
         let bulb = r#"{"name": "Bulb", "shape": {"type": "sphere", "center": [0, 0, 1], "radius": 0.2}, "radiance": [1, 1, 1]}"#;
         let gains = format!(r#"{{"Bulb": [{gain}, {gain}, {gain}]}}"#);

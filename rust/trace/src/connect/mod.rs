@@ -42,11 +42,6 @@ impl TileVertices {
     pub fn pixel(&self, pixel: usize) -> &[DiffuseVertex] {
         &self.vertices[self.offsets[pixel]..self.offsets[pixel + 1]]
     }
-
-    /// World-space positions of vertices before which nothing scattered their path.
-    pub fn first_positions(&self) -> impl Iterator<Item = Vec3> + '_ {
-        self.vertices.iter().filter(|vertex| vertex.is_first()).map(|vertex| vertex.position)
-    }
 }
 
 /// Memory that one thread reuses from shadow ray to shadow ray.

@@ -1,0 +1,89 @@
+//! Balance between the two estimators of a light: crossings of segments, and points on it that vertices are connected to.
+//!
+//! Both see the same light from the same vertices, so that each vertex may count a share of it by either (multiple importance
+//! sampling, Veach and Guibas 1995, with the power heuristic). A share depends on nothing but the place of the vertex, which both
+//! know. Crossings of `crossed` paths have a variance of `p / crossed` where a segment crosses the light with probability `p`, and
+//! connections of `connected` ones at most `p^2 / connected`. So crossings are better where `p` is above `connected / crossed`:
+//! close to large lights.
+
+use std::f32::consts::{FRAC_1_PI, PI};
+
+use glam::Vec3;
+use relume_dump::Lobe;
+
+use crate::light::{Plane, Profile};
+
+/// Mean density of the directions in which diffuse surfaces reflect, per steradian.
+const DIFFUSE_DENSITY: f32 = 0.5 * FRAC_1_PI;
+
+/// Numbers of paths per pixel by which lights are summed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Balance {
+    /// Paths whose vertices are connected to lights.
+    pub connected: u32,
+    /// Paths whose segments may cross them.
+    pub crossed: u32,
+}
+
+/// Shares of a light that count by crossings: all of it, unless it is connected.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct CrossedShares {
+    /// For diffuse light: what a squared distance in metres is multiplied by; 0 where all of it counts by crossings.
+    pub diffuse: f32,
+}
+
+impl CrossedShares {
+    /// Shares of a light, whose true area is `area_scale` of that of its profile.
+    pub fn new(balance: Balance, profile: &Profile, area_scale: f32) -> Self {
+        let odds = balance.connected as f32 / balance.crossed.max(1) as f32;
+        Self { diffuse: odds / (DIFFUSE_DENSITY * area(profile) * area_scale) }
+    }
+
+    /// Share for what leaves a place by a lobe.
+    pub fn at(&self, lobe: Lobe, profile: &Profile, place: Vec3) -> f32 {
+        if lobe != Lobe::Diffuse || self.diffuse == 0.0 {
+            return 1.0;
+        }
+        let ratio = self.diffuse * distance2(profile, place);
+        1.0 / (1.0 + ratio * ratio)
+    }
+}
+
+/// Area of a light as it is seen from the front, square metres; solid angle of a sun; of no meaning for a sheared area.
+fn area(profile: &Profile) -> f32 {
+    match profile {
+        Profile::Sphere(ball)
+        | Profile::FacingDisk(ball)
+        | Profile::Spot { ball, .. }
+        | Profile::StretchedSpot { ball, .. } => PI * ball.radius * ball.radius,
+        Profile::Area { plane, .. } => {
+            let share = if plane.is_ellipse { 0.25 * PI } else { 1.0 };
+            share / (plane.inverse_u.length() * plane.inverse_v.length())
+        }
+        Profile::Sun { chord2, .. } => PI * chord2,
+        Profile::Sheared(_) => 1.0,
+    }
+}
+
+/// Squared distance of a place from a light: from the centre of a ball, from the next point of an area; 1 for a sun, 0 for a sheared
+/// area, all of whose light counts by crossings.
+fn distance2(profile: &Profile, place: Vec3) -> f32 {
+    match profile {
+        Profile::Sphere(ball)
+        | Profile::FacingDisk(ball)
+        | Profile::Spot { ball, .. }
+        | Profile::StretchedSpot { ball, .. } => ball.center.distance_squared(place),
+        Profile::Area { plane, .. } => nearest(plane, place).distance_squared(place),
+        Profile::Sun { .. } => 1.0,
+        Profile::Sheared(_) => 0.0,
+    }
+}
+
+/// Point of the rectangle of an area that is next to a place.
+fn nearest(plane: &Plane, place: Vec3) -> Vec3 {
+    let from_center = place - plane.center;
+    [plane.inverse_u, plane.inverse_v]
+        .into_iter()
+        .map(|inverse| inverse / inverse.length_squared() * from_center.dot(inverse).clamp(-0.5, 0.5))
+        .fold(plane.center, |point, along| point + along)
+}
