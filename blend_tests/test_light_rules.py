@@ -34,7 +34,7 @@ def stage(scene):
     camera, render, cycles = scene.camera, scene.render, scene.cycles
     camera.data.type, camera.data.ortho_scale = "ORTHO", 1.0
     camera.location, camera.rotation_euler = (0.0, 0.0, 5.0), (0.0, 0.0, 0.0)
-    render.resolution_x = render.resolution_y = 8
+    render.resolution_x = render.resolution_y = 16
     cycles.pixel_filter_type, cycles.blur_glossy = "BOX", 0.0
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
     cycles.max_bounces = cycles.diffuse_bounces = 3
