@@ -12,6 +12,7 @@ from ..core.pass_names import LONGEST, longest_in_file
 from ..core.rows import LIGHT
 from ..engine.reading import render_depsgraph
 from ..engine.render import render_engine
+from ..engine.render.data_passes import DataPassSettings
 from ..engine.render.render_engine import ENGINE, PassSettings
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_tree
@@ -86,6 +87,7 @@ def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSet
         depth=layer.use_pass_z,
         normal=layer.use_pass_normal,
         albedo=layer.use_pass_diffuse_color,
+        data=DataPassSettings.of(layer),
         shadow_catcher=hasattr(layer, "cycles") and layer.cycles.use_pass_shadow_catcher,
     )
 
@@ -116,6 +118,18 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         column.prop(layer, "use_pass_diffuse_color", text="Diffuse Colour")
         if hasattr(layer, "cycles"):
             column.prop(layer.cycles, "use_pass_shadow_catcher", text="Shadow Catcher")
+        column = layout.column(heading="Data")
+        column.prop(layer, "use_pass_position", text="Position")
+        column.prop(layer, "use_pass_object_index", text="Object Index")
+        column.prop(layer, "use_pass_material_index", text="Material Index")
+        column.prop(layer, "pass_alpha_threshold")
+        column = layout.column(heading="Cryptomatte")
+        column.prop(layer, "use_pass_cryptomatte_object", text="Object")
+        column.prop(layer, "use_pass_cryptomatte_material", text="Material")
+        column.prop(layer, "use_pass_cryptomatte_asset", text="Asset")
+        levels = layout.column()
+        levels.active = any(DataPassSettings.of(layer).mattes)
+        levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
 
 
 class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801
