@@ -142,7 +142,7 @@ impl<'t> DataTracer<'t> {
                 pixel.materials.add(self.ids.materials[material.unwrap_or(scene.materials.len())], covered);
             }
             weight *= transparency;
-            if !(weight > 0.0) {
+            if weight <= 0.0 {
                 return;
             }
             ray.t_max -= hit.distance;
