@@ -10,17 +10,16 @@ ROWS_OF_A_BLOCK = {0: 1, 3: 16}
 """By compression: none and ZIP."""
 
 
+def read_fields(path):
+    """Texts of the headers of all parts, by name."""
+    headers, *_ = _headers(path.read_bytes())
+    return {name: text for header in headers for name, text in header.items() if isinstance(text, str)}
+
+
 def read_exr(path):
     """Pixels by channel name, [height, width], top row first."""
     data = path.read_bytes()
-    magic, version = struct.unpack_from("<II", data)
-    assert magic == 20000630
-    headers, at = [], 8
-    while len(headers) == 0 or version & MULTI_PART:
-        header, at = _header(data, at)
-        if not header:
-            break
-        headers.append(header)
+    headers, version, at = _headers(data)
     found = {}
     for header in headers:
         _, _, right, bottom = header["dataWindow"]
@@ -29,6 +28,18 @@ def read_exr(path):
         at += 8 * blocks
         found |= _part(data, header, offsets, right + 1, 8 if version & MULTI_PART else 4)
     return found
+
+
+def _headers(data):
+    magic, version = struct.unpack_from("<II", data)
+    assert magic == 20000630
+    headers, at = [], 8
+    while len(headers) == 0 or version & MULTI_PART:
+        header, at = _header(data, at)
+        if not header:
+            break
+        headers.append(header)
+    return headers, version, at
 
 
 def _header(data, at):

@@ -421,6 +421,7 @@ def test_all_operators_are_compared(registered_for_all_files):
         "start",
         "reset_row",
         "unfold_warnings",
+        "set_up_compositing",
     }  # test_start.py, test_mix.py, ...
     assert set(dir(bpy.ops.relume)) - compared == OF_THE_WINDOW
 

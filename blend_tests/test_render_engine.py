@@ -58,12 +58,13 @@ def render(scene, tmp_path):
     return passes_of(tmp_path / "f12.exr")
 
 
-def passes_of(path):
-    """Passes of a file by name, [height, width, channels], top row first."""
+def passes_of(path, composite=False):
+    """Passes of a file by name, or what the compositor has made, [height, width, channels], top row first."""
     passes = {}
     for name, channel in read_exr(path).items():
-        _, name, letter = name.split(".")
-        passes.setdefault(name, {})[letter] = channel
+        layer, name, letter = name.split(".")
+        if (layer == "Composite") == composite:
+            passes.setdefault(name, {})[letter] = channel
     return {
         name: np.stack([found[letter] for letter in "RGBAXYZ" if letter in found], axis=-1)
         for name, found in passes.items()

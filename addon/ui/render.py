@@ -8,10 +8,12 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, PointerProperty
 
-from ..core.pass_names import LONGEST, longest_in_file
+from ..apply import compositor
+from ..core.pass_names import LONGEST, STATIC, WORLD, light_passes, longest_in_file
 from ..core.rows import LIGHT
 from ..engine.reading import render_depsgraph
 from ..engine.render import render_engine
+from ..engine.render.data_passes import DataPassSettings
 from ..engine.render.render_engine import ENGINE, PassSettings
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_tree
@@ -86,8 +88,38 @@ def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSet
         depth=layer.use_pass_z,
         normal=layer.use_pass_normal,
         albedo=layer.use_pass_diffuse_color,
+        data=DataPassSettings.of(layer),
         shadow_catcher=hasattr(layer, "cycles") and layer.cycles.use_pass_shadow_catcher,
     )
+
+
+class RELUME_OT_set_up_compositing(bpy.types.Operator):  # noqa: N801
+    """Add nodes to the compositor that rebuild the picture from the passes of its lights, each with an exposure and a
+    tint. Other nodes stay as they are"""
+
+    bl_idname = "relume.set_up_compositing"
+    bl_label = "Set Up Compositing"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        """True if this engine renders, with passes of lights."""
+        if context.engine != ENGINE:
+            cls.poll_message_set("Relume is not the render engine")
+            return False
+        if not context.scene.relume_render.light_passes:
+            cls.poll_message_set("Passes of lights are switched off")
+            return False
+        return True
+
+    def execute(self, context):
+        """Called by Blender."""
+        scene, layer = context.scene, context.view_layer
+        longest = pass_settings(scene, layer).longest
+        passes = [*light_passes(_light_names(scene), longest).values(), STATIC, WORLD]
+        if not compositor.set_up(scene, layer, passes):
+            self.report({"INFO"}, f"The compositor had nodes: link the image of '{compositor.GROUP}' where you want it")
+        return {"FINISHED"}
 
 
 class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
@@ -116,6 +148,19 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         column.prop(layer, "use_pass_diffuse_color", text="Diffuse Colour")
         if hasattr(layer, "cycles"):
             column.prop(layer.cycles, "use_pass_shadow_catcher", text="Shadow Catcher")
+        column = layout.column(heading="Data")
+        column.prop(layer, "use_pass_position", text="Position")
+        column.prop(layer, "use_pass_object_index", text="Object Index")
+        column.prop(layer, "use_pass_material_index", text="Material Index")
+        column.prop(layer, "pass_alpha_threshold")
+        column = layout.column(heading="Cryptomatte")
+        column.prop(layer, "use_pass_cryptomatte_object", text="Object")
+        column.prop(layer, "use_pass_cryptomatte_material", text="Material")
+        column.prop(layer, "use_pass_cryptomatte_asset", text="Asset")
+        levels = layout.column()
+        levels.active = any(DataPassSettings.of(layer).mattes)
+        levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
+        layout.operator(RELUME_OT_set_up_compositing.bl_idname, icon="NODE_COMPOSITING")
 
 
 class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801
@@ -143,7 +188,7 @@ class RELUME_PT_sampling(bpy.types.Panel):  # noqa: N801
         layout.prop(settings, "folder")
 
 
-CLASSES = (RelumeRenderSettings, RELUME_PT_sampling, RELUME_PT_passes)
+CLASSES = (RelumeRenderSettings, RELUME_OT_set_up_compositing, RELUME_PT_sampling, RELUME_PT_passes)
 _register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 END_SECONDS = 0.1
 

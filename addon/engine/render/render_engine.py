@@ -30,6 +30,7 @@ from ..shot import shot as shots
 from ..shot.checks import folders_in_use
 from ..shot.options import Options, options_of, remembered_bake
 from ..workers.process import private_folder
+from .data_passes import MATTES, DataPassSettings, assets_of, matte_fields
 
 ENGINE = "RELUME"
 """Identifier for `bpy.types.RenderSettings.engine`."""
@@ -53,6 +54,7 @@ class PassSettings:
     depth: bool = False
     normal: bool = False
     albedo: bool = False
+    data: DataPassSettings = DataPassSettings()
     shadow_catcher: bool = False
     """Pass of what shadow catchers show; Combined is without it then, as with Cycles."""
 
@@ -66,7 +68,7 @@ class PassSettings:
         channels += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
         channels += [(ALBEDO_HERE, 3, "RGB", "COLOR")] * self.albedo
         channels += [(CATCHER, 3, "RGB", "COLOR")] * self.shadow_catcher
-        return channels
+        return channels + self.data.declare()
 
 
 _stopping = False
@@ -128,7 +130,7 @@ class _FinalRender:
         lights = self._mixed(json.loads(exported.lights()))
         with self._baked(exported, lights) as relighter:
             picture = self._relit(relighter, lights, exported.world_color)
-        self._write(picture)
+        self._write(picture, self._data_layers(exported) if self.passes.data else {})
 
     @contextmanager
     def _baked(self, exported: Any, lights: list[dict[str, Any]]) -> Iterator[Any]:
@@ -225,6 +227,25 @@ class _FinalRender:
         picture["lights"] = {light["name"]: picture["lights"].get(light["name"], silent) for light in lights}
         return picture
 
+    def _data_layers(self, exported: Any) -> dict[str, np.ndarray]:
+        """Data passes, with what the file tells of them."""
+        wanted, settings = self.passes.data, self._settings(lambda _: None)
+        assets = assets_of(self.depsgraph)
+        traced = wanted.trace(exported, json.dumps(settings), self.options.samples, assets)
+        self._wait(native().Job(traced.job), 1.0, 1.0, self._warn)
+        objects, materials = traced.names()
+        names = {
+            "objects": objects,
+            "materials": materials,
+            "assets": {assets.get(name, name) for name in objects},
+        }
+        for matte in wanted.mattes:
+            fields = matte_fields(self.depsgraph.view_layer_eval.name, matte, sorted(names[MATTES[matte]]))
+            for field, value in fields.items():
+                # Those of `begin_result` would be lost.
+                self.engine.get_result().stamp_data_add_field(field, value)
+        return wanted.layers(traced.pictures())
+
     def _wait(self, job: Any, start: float, end: float, warn: Callable[[str], None]) -> None:
         """Watches a job of the native module; Esc ends it."""
         try:
@@ -255,9 +276,9 @@ class _FinalRender:
         self.engine.update_stats("Relume", text)
         self.engine.update_progress(progress)
 
-    def _write(self, picture: dict[str, Any]) -> None:
+    def _write(self, picture: dict[str, Any], data: dict[str, np.ndarray]) -> None:
         """Hands the layers over, Blender's render border cut out of them."""
-        layers = self._layers(picture)
+        layers = self._layers(picture) | data
         layer_name = self.depsgraph.view_layer_eval.name
         for name, channels, letters, _ in self.passes.declare(list(picture["lights"])):
             if name != COMBINED:

@@ -127,7 +127,8 @@ class Translation:
             surface = self.emit(NOTHING)  # Black, where rays would pass without any.
         moved = {"displacement": self.displacement} if self.displacement else {}
         own = moved | self.bumped | sampling_settings(self.material)
-        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **own}
+        index = {"pass_index": self.material.pass_index} if self.material is not None else {}
+        return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **own, **index}
 
     def _has_surface(self, tree: bpy.types.NodeTree | None) -> bool:
         output = surface_socket(tree) if tree is not None else None

@@ -1,6 +1,7 @@
 //! The native half of the Python module `relume`: translates and does nothing else.
 
 mod array;
+mod data_passes;
 mod dicing;
 mod error;
 mod job;
@@ -18,9 +19,11 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("RelumeError", module.py().get_type::<error::RelumeError>())?;
     module.add_function(wrap_pyfunction!(job::run_command_line, module)?)?;
     module.add_function(wrap_pyfunction!(job::start_command, module)?)?;
+    module.add_function(wrap_pyfunction!(data_passes::matte_hash, module)?)?;
     module.add_function(wrap_pyfunction!(job::folder_in_use, module)?)?;
     module.add_function(wrap_pyfunction!(solve::solve, module)?)?;
     module.add_class::<job::PyJob>()?;
+    module.add_class::<data_passes::PyDataPasses>()?;
     module.add_class::<live::PyLive>()?;
     module.add_class::<live::PyFrame>()?;
     module.add_class::<live::PyLight>()?;

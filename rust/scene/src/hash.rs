@@ -12,12 +12,12 @@ use crate::{
 impl Scene {
     /// Hash of all that decides the paths of a dump, hex: the same scene gives the same hash on every machine. Lights, the world but for its volume, and
     /// warnings do not count, since paths serve any lights and any world, nor do textures that no material shows, nor the names of the
-    /// camera and of materials.
+    /// camera and of materials, nor these's pass indices.
     pub fn hash(&self) -> String {
         let mut hasher = Hasher::new();
         let name = String::new;
         let camera = Camera { name: name(), ..self.camera.clone() };
-        let unnamed = |material: &Material| Material { name: name(), ..material.clone() };
+        let unnamed = |material: &Material| Material { name: name(), pass_index: 0, ..material.clone() };
         let materials: Vec<Material> = self.materials.iter().map(unnamed).collect();
         json(&mut hasher, &(camera, materials, &self.working_space));
         self.meshes.iter().for_each(|mesh| hash_mesh(&mut hasher, mesh));

@@ -13,6 +13,9 @@ pub type NodeId = u32;
 pub struct Material {
     /// Blender material name.
     pub name: String,
+    /// Pass index, which data passes show.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub pass_index: u32,
     /// Nodes; links point backwards only.
     pub nodes: Vec<Node>,
     /// The closure node that is the surface; nothing is a black absorber, or seen through where there is a `volume`.
@@ -33,6 +36,10 @@ pub struct Material {
     /// samples nothing of a ray's kind.
     #[serde(default, skip_serializing_if = "is_false")]
     pub unsampled_emission: bool,
+}
+
+fn is_zero(value: &u32) -> bool {
+    *value == 0
 }
 
 fn is_false(value: &bool) -> bool {

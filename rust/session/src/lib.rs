@@ -19,6 +19,7 @@
 //! whole files.
 
 mod bake;
+mod data_passes;
 mod device;
 mod error;
 mod files;
@@ -38,6 +39,7 @@ pub use bake::features::{pixel_features, pixel_ray};
 pub use bake::guiding::GuidingRecord;
 pub use bake::world::WorldAbout;
 pub use bake::{BakeReport, bake, difference};
+pub use data_passes::data_passes;
 pub use device::compute::{Compute, Device};
 pub use device::threads::{in_background, on_threads};
 pub use error::SessionError;

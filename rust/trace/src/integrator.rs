@@ -69,9 +69,9 @@ pub(crate) struct Integrator<'a> {
 }
 
 /// Groups of the sampler: the camera takes the first, each vertex of a path two.
-const CAMERA_GROUP: u32 = 0;
+pub(crate) const CAMERA_GROUP: u32 = 0;
 /// Numbers of the time, where anything moves, and of the wavelength, where glass disperses light.
-const TIME_GROUP: u32 = 1 << 27;
+pub(crate) const TIME_GROUP: u32 = 1 << 27;
 const WAVELENGTH_GROUP: u32 = TIME_GROUP + 1;
 const GROUPS_PER_VERTEX: u32 = 2;
 /// Added to a vertex's first group: numbers of the guide, of the way there through media, of light's way from there, and of

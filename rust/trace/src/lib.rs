@@ -9,6 +9,7 @@ pub mod bsdf;
 pub mod bvh;
 pub mod camera;
 mod connect;
+mod data_passes;
 mod discrete;
 mod displace;
 mod emitters;
@@ -32,6 +33,7 @@ mod subsurface;
 mod vertex;
 
 pub use connect::{ConnectScratch, DiffuseVertex, TileVertices, VertexLimits};
+pub use data_passes::{DataPassSettings, DataPasses, DataTracer, matte_id, murmur3};
 pub use displace::displace;
 pub use guide::{Guide, hit_probability};
 pub use integrator::{PathScratch, PathSink};

@@ -2,6 +2,7 @@
 
 from . import _libraries as _libraries
 from ._native import (
+    DataPasses,
     Frame,
     Light,
     Live,
@@ -14,11 +15,13 @@ from ._native import (
     World,
     __version__,
     folder_in_use,
+    matte_hash,
     run_command_line,
 )
 from .jobs import Job, bake, info, solve, start, train, validate
 
 __all__ = [
+    "DataPasses",
     "Frame",
     "Job",
     "Light",
@@ -34,6 +37,7 @@ __all__ = [
     "bake",
     "folder_in_use",
     "info",
+    "matte_hash",
     "run_command_line",
     "solve",
     "start",

@@ -276,6 +276,33 @@ class Scene:
     def summary(self) -> str:
         """Camera, lights, materials and sizes as JSON."""
 
+class DataPasses:
+    """Passes of a scene's picture that no light changes, traced along the camera rays of a bake with these settings."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: str = "{}",
+        *,
+        samples: int = 64,
+        ranks: int = 6,
+        alpha_threshold: float = 0.5,
+        assets: dict[str, str] = ...,
+    ) -> None:
+        """Starts the job. Ranks are the objects or materials that a matte tells apart in a pixel, 1 to 16; assets the
+        names of those that objects belong to, where they are other ones. Positions and indices are those of the first
+        surface whose alpha reaches the threshold."""
+
+    @property
+    def job(self) -> Job: ...
+    def pictures(self) -> dict[str, NDArray[np.float32]]:
+        """[H, W, C] once the job is done, a single time: position [3] in metres, object_index and material_index [1];
+        and the mattes objects, materials and assets [2 a rank], each rank an identifier and its share of the pixel
+        (Cryptomatte)."""
+
+    def names(self) -> tuple[set[str], set[str]]:
+        """Names of the objects and materials of the scene."""
+
 class Relighter:
     """An open bake folder, or a folder of proxies."""
 
@@ -534,6 +561,9 @@ def solve(
 
 def start_command(args: list[str]) -> Job:
     """Starts a command of the command line, without printing."""
+
+def matte_hash(name: str) -> tuple[int, int]:
+    """Hash of a name in a Cryptomatte: MurmurHash3, and the bits of the float that stands for it."""
 
 def folder_in_use(folder: str | os.PathLike[str]) -> str | None:
     """Who bakes into a folder, if another process does, and what to do."""
