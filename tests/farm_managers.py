@@ -131,7 +131,7 @@ def contents(folder):
 
 
 def test_a_bake_in_eight_parts_one_of_them_killed(slurm, tmp_path):
-    options = [*ROOM, "--samples", "1024"]
+    options = [*ROOM, "--samples", "4096"]
     relume("trace", *options, "--out", "whole", cwd=tmp_path)
     relume("plan", *options, "--out", "job", "--parts", "8", "--emit", "slurm", cwd=tmp_path)
     job = tmp_path / "job"
@@ -141,7 +141,9 @@ def test_a_bake_in_eight_parts_one_of_them_killed(slurm, tmp_path):
     running = slurm("squeue", "-h", "-t", "R", "-o", "%A %N %i").split("\n")
     nodes = {line.split()[1] for line in running if line}
     assert len(nodes) == 2, running
-    slurm("scancel", "--signal=KILL", "--full", running[0].split()[2])
+    killed = running[0].split()[2]
+    slurm("scancel", "--signal=KILL", "--full", killed)
+    wait_for("its end", lambda: "JobState=RUNNING" not in slurm("scontrol", "show", "job", killed))
     wait_for("the end of all jobs", lambda: slurm("squeue", "-h") == "", 300)
     log = (job / f"slurm-{submitted.strip()}.out").read_text()
     assert "missing or damaged" in log and "relume work . --part" in log, log
