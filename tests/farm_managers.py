@@ -1,8 +1,8 @@
 """Bakes under real farm managers on this machine; run by name: pytest tests/farm_managers.py
 
 Slurm, with two workers, needs Debian's slurm-wlm and munge, and root; daemons, state and ports are the test's own. Open
-Job Description needs openjd-cli (tested with 0.8.0) beside this Python, or the program's path in OPENJD. RELUME may name
-another program of Relume than the one beside this Python.
+Job Description needs openjd-cli (tested with 0.8.0) beside this Python, or the program's path in OPENJD. RELUME may
+name another program of Relume than the one beside this Python.
 """
 
 import os
