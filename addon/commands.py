@@ -1,4 +1,4 @@
-"""The Blender command line: `bake`, `export` and `relight` read the open scene, others are the native ones."""
+"""The Blender command line: `bake`, `export`, `farm` and `relight` read the open scene, others are the native ones."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import re
 import signal
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from .core.progress import Pace, Reporter, clock
 from .engine.native import native
 from .engine.reading.scene import load_scene
 from .engine.shot import baked_state, record
+from .engine.shot.farm import frame_name
 from .engine.workers import image_colors, pictures, view_worker
 from .engine.world import world_render, worlds
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
@@ -29,6 +30,9 @@ STOPPED = 130
 """Exit code of a run that was asked to stop: 128 + SIGINT, as shells report it."""
 OF_SCENE = ("scene", "camera", "frame", "resolution", "resolution_percentage")
 """Options that say how the open scene is looked at."""
+
+OF_BAKE = ("samples", "bounces", "tile", "seed", "towards")
+"""Options that replace the scene's settings of a bake."""
 
 
 class Stopped(BaseException):  # noqa: N818 -- like KeyboardInterrupt, it is no error
@@ -112,17 +116,55 @@ def export(options: argparse.Namespace, _rest: list[str], reporter: Reporter) ->
     file = Path(options.out)
     command_line.check_out(file, ".scene", "scenes are written as scene files")
     scene = _open_scene(options, reporter)
-    exported = load_scene(scene, _export_options(options))
+    exported = _write_scene(scene, options, file, reporter.warning)
     for warning in exported.warnings:
         reporter.warning(warning)
-    settings = trace_settings(scene, reporter.warning)
+    (width, height), size = exported.resolution, file.stat().st_size
+    text = f"{file}: {width} x {height} pixels, {size / 2**20:.1f} MiB; trace it with: relume trace {file} --out FOLDER"
+    reporter.result({"width": width, "height": height, "bytes": size}, text)
+    return 0
+
+
+def _write_scene(scene: bpy.types.Scene, options: argparse.Namespace, file: Path, warn: Callable[[str], None]) -> Any:
+    """Writes a scene as it is now into a scene file; returns it."""
+    exported = load_scene(scene, _export_options(options))
+    settings = trace_settings(scene, warn)
     with tempfile.TemporaryDirectory(prefix="relume-") as folder:
         view = Path(folder) / "view.png"
         write_view_table(scene, view)
         exported.write(file, json.dumps(settings), view=view.read_bytes() if view.exists() else None)
-    (width, height), size = exported.resolution, file.stat().st_size
-    text = f"{file}: {width} x {height} pixels, {size / 2**20:.1f} MiB; trace it with: relume trace {file} --out FOLDER"
-    reporter.result({"width": width, "height": height, "bytes": size}, text)
+    return exported
+
+
+def farm(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Writes the job of a farm: a bake folder without paths for each frame of the open scene, and the plan."""
+    out, scene = Path(options.out), _open_scene(options, reporter)
+    frames = options.frames or [scene.frame_current]
+    told: set[str] = set()
+
+    def warn(words: str) -> None:
+        if words not in told:  # Most are of every frame.
+            told.add(words)
+            reporter.warning(words)
+
+    out.mkdir(parents=True, exist_ok=True)
+    records, camera = {}, scene.objects.get(options.camera or "")
+    with tempfile.TemporaryDirectory(prefix=".relume-", dir=out) as folder:
+        files = [Path(folder) / f"{frame_name(frame)}.scene" for frame in frames]
+        for number, (frame, file) in enumerate(zip(frames, files, strict=True)):
+            stage = {"stage": "prepare", "done": number, "total": len(frames), "remaining_s": None}
+            reporter.progress(stage | {"message": f"frame {frame}"})
+            if frame != scene.frame_current:
+                scene.frame_set(frame)
+            exported = _write_scene(scene, options, file, warn)
+            records[file.stem] = record.of(scene, exported.world_map, camera, exported.resolution)
+        words = [*map(str, files), "--out", str(out), "--parts", str(options.parts)]
+        words += [f"--emit={kind}" for kind in options.emit]
+        words += [f"--{name}={getattr(options, name)}" for name in OF_BAKE if getattr(options, name) is not None]
+        planned = native().start("plan", *words).wait(reporter.progress, warn)
+    for name, taken in records.items():
+        taken.write(out / name)
+    reporter.result(planned, f"{out}: {len(frames)} bakes, {planned['parts']} parts; bring home: relume collect {out}")
     return 0
 
 
@@ -304,6 +346,7 @@ def _export_options(options: argparse.Namespace) -> ExportOptions:
 COMMANDS = {
     "bake": bake,
     "export": export,
+    "farm": farm,
     "relight": relight,
     "verify": verify,
     pictures.COMMAND: read_picture,

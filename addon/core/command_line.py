@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 from typing import NoReturn
 
 PROGRAM = "relume"
 FORWARDED = {
+    "plan": "prepare bakes of scene files that many machines trace",
+    "work": "trace parts of a job",
+    "collect": "check what the machines of a job have made",
     "train": "train a proxy on a bake",
     "gather": "sum lights over a bake, without a proxy",
     "optimise": "find lights that make a target picture",
@@ -54,6 +58,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_bake(commands)
     _add_export(commands)
+    _add_farm(commands)
     _add_relight(commands)
     _add_verify(commands)
     _add_read_picture(commands)
@@ -69,11 +74,7 @@ def _add_bake(commands: argparse._SubParsersAction) -> None:
     bake = commands.add_parser("bake", help="trace the paths of the open scene into a bake folder")
     bake.add_argument("-o", "--out", required=True, metavar="FOLDER", help="bake folder to write")
     _add_view(bake)
-    bake.add_argument("--samples", type=_positive, help="paths per pixel; default: the scene's")
-    bake.add_argument("--bounces", type=_count, help="most bounces, in all and of each kind; default: the scene's")
-    bake.add_argument("--tile", type=_positive, default=64, help="edge of the image tiles in pixels")
-    bake.add_argument("--seed", type=_count, help="seed of all random numbers; default: the scene's")
-    bake.add_argument("--towards", metavar="FILE", help="light set that paths look for besides, as optimise found it")
+    _add_settings(bake)
     bake.add_argument("--resume", action="store_true", help="go on with an interrupted bake")
     bake.add_argument("--replace", action="store_true", help="remove a bake of another scene from the folder first")
     _add_run(bake)
@@ -84,6 +85,27 @@ def _add_export(commands: argparse._SubParsersAction) -> None:
     export.add_argument("-o", "--out", required=True, metavar="FILE", help="scene file to write, for `relume trace`")
     _add_view(export)
     _add_output(export)
+
+
+def _add_farm(commands: argparse._SubParsersAction) -> None:
+    farm = commands.add_parser(
+        "farm", help="write the job of a farm: bakes of frames of the open scene, cut into parts"
+    )
+    farm.add_argument("-o", "--out", required=True, metavar="FOLDER", help="job folder to write")
+    _add_view(farm)
+    farm.add_argument(
+        "--frames", type=_frames, metavar="LIST", help="frames to bake, such as 1-10,15; default: the present one"
+    )
+    farm.add_argument("--parts", type=_positive, default=8, help="parts that the bake of each frame is cut into")
+    farm.add_argument(
+        "--emit",
+        action="append",
+        default=[],
+        metavar="FARM",
+        help="write a file for openjd, openjd-chunks, flamenco, slurm or make; may be given again",
+    )
+    _add_settings(farm)
+    _add_output(farm)
 
 
 def _add_relight(commands: argparse._SubParsersAction) -> None:
@@ -140,6 +162,16 @@ def _add_view(command: argparse.ArgumentParser) -> None:
     size.add_argument("--resolution", type=_size, metavar="WxH", help="size in pixels; default: the scene's")
 
 
+def _add_settings(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--samples", type=_positive, help="paths per pixel; default: the scene's")
+    command.add_argument("--bounces", type=_count, help="most bounces, in all and of each kind; default: the scene's")
+    command.add_argument("--tile", type=_positive, default=64, help="edge of the image tiles in pixels")
+    command.add_argument("--seed", type=_count, help="seed of all random numbers; default: the scene's")
+    command.add_argument(
+        "--towards", metavar="FILE", help="light set that paths look for besides, as optimise found it"
+    )
+
+
 def _add_run(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--device",
@@ -162,6 +194,18 @@ def _size(text: str) -> tuple[int, int]:
     if not (x and width.isdecimal() and height.isdecimal() and int(width) and int(height)):
         raise argparse.ArgumentTypeError(f"'{text}' is no size; give width and height like 1920x1080")
     return int(width), int(height)
+
+
+def _frames(text: str) -> list[int]:
+    """Frames of a list of numbers and ranges, in order."""
+    frames: set[int] = set()
+    for part in text.split(","):
+        found = re.fullmatch(r"\s*(-?\d{1,7})(?:-(-?\d{1,7}))?\s*", part)
+        first, last = (int(found[1]), int(found[2] or found[1])) if found else (1, 0)
+        if first > last:
+            raise argparse.ArgumentTypeError(f"'{text}' names no frames; give numbers and ranges like 1-10,15")
+        frames.update(range(first, last + 1))
+    return sorted(frames)
 
 
 def _positive(text: str) -> int:

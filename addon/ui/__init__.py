@@ -3,6 +3,7 @@
 from ..live import handlers
 from . import (
     background,
+    farm,
     looks,
     looks_panel,
     main_panel,
@@ -24,7 +25,7 @@ from .solve import settings as solve_settings
 
 MODULES = (
     *(timers, preferences, settings, solve_settings, rows, looks, overlay, handlers),
-    *(start, main_panel, mixer, looks_panel, verify, background, render_pass, render),
+    *(start, main_panel, mixer, looks_panel, verify, background, farm, render_pass, render),
     *(regions, target, locks, scribble_tool, solve_operators, solve_panel),
 )
 """Registered in this order, unregistered in reverse."""

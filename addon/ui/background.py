@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import bpy
 
 from ..core.progress import share_and_words
@@ -21,13 +24,21 @@ STAGES = {
     "references": "Pictures to compare with",
     "train": "Learning",
     "measure": "Measuring",
+    "validate": "Checking",
 }
 
 
-def start(scene: bpy.types.Scene) -> background.BackgroundBake:
+def start(scene: bpy.types.Scene) -> background.BackgroundJob:
     """Bakes the scene as it is now. Raises ProblemError, BackgroundError or NoCopyError."""
     check_start(scene)
-    job = background.start(scene)
+    return run(scene)
+
+
+def run(
+    scene: bpy.types.Scene, kind: Callable[[bpy.types.Scene], background.BackgroundJob] = background.BackgroundBake
+) -> background.BackgroundJob:
+    """Starts a job and follows it. Raises BackgroundError or NoCopyError."""
+    job = background.start(scene, kind)
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
         bpy.app.timers.register(_timer, first_interval=TICK_SECONDS, persistent=True)
     return job
@@ -38,33 +49,33 @@ def tick() -> bool:
     for job in background.all_jobs():
         if job.poll():
             redraw("UI")
-            if job.done:
-                _open(job)
+            if job.done and (bake := job.bake) is not None:
+                _open(job, bake)
     return any(job.is_running for job in background.all_jobs())
 
 
-def _open(job: background.BackgroundBake) -> None:
+def _open(job: background.BackgroundJob, bake: Path) -> None:
     """Shows a finished bake in the file it came from, if that is still open and nothing else of the scene is shown."""
     for scene in bpy.data.scenes:
-        if scene.session_uid != job.scene_uid or not _is_free(shot.of(scene), job):
+        if scene.session_uid != job.scene_uid or not _is_free(shot.of(scene), bake):
             continue
         try:
-            remember_bake(scene, job.folder)
+            remember_bake(scene, bake)
             open_bake(scene)
         except (NativeModuleError, RuntimeError, ValueError, OSError) as error:
             job.error = f"it could not be opened: {error}"
 
 
-def _is_free(opened: shot.Shot | None, job: background.BackgroundBake) -> bool:
+def _is_free(opened: shot.Shot | None, bake: Path) -> bool:
     """True if a finished bake may replace the one that is shown of its scene."""
-    return opened is None or (opened.folder == job.folder and not opened.is_working)
+    return opened is None or (opened.folder == bake and not opened.is_working)
 
 
 def _timer() -> float | None:
     return TICK_SECONDS if tick() else None
 
 
-def progress(job: background.BackgroundBake) -> tuple[float, str]:
+def progress(job: background.BackgroundJob) -> tuple[float, str]:
     """Share of the present stage that is done, and words for it."""
     stage = job.stage
     name = STAGES.get(stage["stage"], stage["stage"].capitalize())
@@ -127,8 +138,7 @@ class RELUME_PT_background(RelumePanel, bpy.types.Panel):  # noqa: N801
                 row.progress(factor=factor, text=text)
                 row.operator("relume.background_cancel", text="", icon="X").number = number
         if mine is not None and not mine.is_running:
-            words = mine.error or f"The background bake is ready in '{mine.folder}'"
-            message(layout, words, "ERROR" if mine.error else "CHECKMARK")
+            message(layout, mine.error or mine.done_words, "ERROR" if mine.error else "CHECKMARK")
 
 
 CLASSES = (RELUME_OT_background_start, RELUME_OT_background_cancel, RELUME_PT_background)

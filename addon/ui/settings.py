@@ -3,6 +3,7 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
 
+from ..engine.shot.farm import FARMS
 from ..engine.shot.options import QUALITIES
 
 QUALITY_ITEMS = [
@@ -32,6 +33,18 @@ class RelumeSettings(bpy.types.PropertyGroup):
         default="GOOD",
     )
     samples: IntProperty(name="Samples", description="Paths per pixel", default=64, min=1, soft_max=1024, max=65536)
+    farm_kind: EnumProperty(
+        name="Farm",
+        description="What the machines are managed by",
+        items=[(name, label, text) for name, (label, text) in FARMS.items()],
+    )
+    farm_frames: StringProperty(
+        name="Frames",
+        description="Frames to bake, each into a folder of its own, such as 1-10,15. Empty: the present one",
+    )
+    farm_parts: IntProperty(
+        name="Parts", description="Parts that the bake of each frame is cut into", default=8, min=1, max=4096
+    )
     show_warnings: BoolProperty(
         name="Warnings", description="List what this shot has and Relume cannot represent", default=False
     )

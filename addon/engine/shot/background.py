@@ -1,9 +1,10 @@
-"""The bake of a shot as a job in a Blender of its own: it goes on while the artist works, and while other files are
-open. What it has written stays when it is stopped, and the next start goes on from there."""
+"""Jobs of a shot in a Blender of their own, such as its bake: they go on while the artist works, and while other files
+are open. What one has written stays when it is stopped, and the next start goes on from there."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,23 +26,24 @@ class BackgroundError(Exception):
     """The background bake cannot be started; the message says why."""
 
 
-class BackgroundBake:
-    """A job: tracing first, then a training for each type of light."""
+class BackgroundJob:
+    """Commands that other Blenders run one after the other for a scene."""
 
-    def __init__(self, scene: bpy.types.Scene):
-        found = shot.of(scene)
-        if found is not None and found.is_working:
-            raise BackgroundError("this shot is being traced already; cancel that first")
+    def __init__(self, scene: bpy.types.Scene, folder: Path, steps: list[list[str]], is_of_file: bool):
+        """`steps` are the words of each command that writes into `folder`. The first one reads the open file as it is
+        now, if `is_of_file`."""
         self.scene_uid, self.name = scene.session_uid, scene.name
-        self.options: Options = options_of(scene)
-        self.camera = scene.camera.name
+        self.camera = scene.camera.name if scene.camera else ""
+        self.folder = folder
         self.stage: dict[str, Any] = {"stage": "prepare", "done": 0, "total": 1, "remaining_s": None, "message": ""}
         self.warnings: list[str] = []
+        self.result: dict[str, Any] = {}
+        """Result of the last command."""
         self.error = ""
         self.done = False
         self._stopped = False
-        self._copy: SavedCopy | None = SavedCopy(scene)
-        self._steps = [self._bake_arguments()]
+        self._copy: SavedCopy | None = SavedCopy(scene) if is_of_file else None
+        self._steps = steps
         try:
             self._start_next()
         except OSError:
@@ -50,13 +52,18 @@ class BackgroundBake:
 
     @property
     def is_running(self) -> bool:
-        """True until the bake has ended."""
+        """True until the job has ended."""
         return not (self.done or self.error)
 
     @property
-    def folder(self) -> Path:
-        """The bake folder."""
-        return self.options.folder
+    def bake(self) -> Path | None:
+        """Bake folder that it has made, if the scene is to show one."""
+        return None
+
+    @property
+    def done_words(self) -> str:
+        """Message for the artist once it has ended well."""
+        return ""
 
     def poll(self) -> bool:
         """Takes the output of the other Blender; returns True if there was any."""
@@ -75,6 +82,8 @@ class BackgroundBake:
             self.stage = event
         elif kind == "warning":
             self.warnings.append(event["message"])
+        elif kind == "result":
+            self.result = event
 
     def _next_step(self) -> None:
         if self._worker.code != 0:
@@ -89,14 +98,9 @@ class BackgroundBake:
 
     def _go_on(self) -> None:
         """Starts what follows a step that went well; there may be nothing."""
-        if self._copy is not None:  # It was the bake.
-            self._remove_copy()
-            self._steps += [self._train_arguments(kind) for kind in self._kinds()]
-            bake_goal.BakeGoal(self.options.samples, self.options.train_seconds).write(self.folder)
         if self._steps:
             self._start_next()
         else:
-            bake_goal.forget(self.folder)
             self.done = True
 
     def _start_next(self) -> None:
@@ -104,9 +108,58 @@ class BackgroundBake:
         command = blender_command(self._copy.blend if self._copy else None, arguments)
         self._worker = Worker(command, self.folder)
 
-    def _bake_arguments(self) -> list[str]:
+    def cancel(self) -> None:
+        """Asks the other Blender to end; what is there stays."""
+        self._stopped = True
+        self._steps.clear()
+        self._worker.stop()
+
+    def close(self) -> None:
+        """Ends it at once. Files are whole at every moment."""
+        self._stopped = True
+        self._worker.kill()
+        self._worker.events()
+        self.error = self.error or STOPPED
+        self._remove_copy()
+
+    def _remove_copy(self) -> None:
+        if self._copy is not None:
+            self._copy.remove()
+            self._copy = None
+
+
+class BackgroundBake(BackgroundJob):
+    """A bake: tracing first, then a training for each type of light."""
+
+    def __init__(self, scene: bpy.types.Scene):
+        found = shot.of(scene)
+        if found is not None and found.is_working:
+            raise BackgroundError("this shot is being traced already; cancel that first")
+        self.options: Options = options_of(scene)
+        super().__init__(scene, self.options.folder, [self._bake_arguments(scene)], is_of_file=True)
+
+    @property
+    def bake(self) -> Path | None:
+        """The bake folder."""
+        return self.folder
+
+    @property
+    def done_words(self) -> str:
+        """Where the bake is."""
+        return f"The background bake is ready in '{self.folder}'"
+
+    def _go_on(self) -> None:
+        if self._copy is not None:  # It was the bake.
+            self._remove_copy()
+            self._steps += [self._train_arguments(kind) for kind in self._kinds()]
+            bake_goal.BakeGoal(self.options.samples, self.options.train_seconds).write(self.folder)
+        if not self._steps:
+            bake_goal.forget(self.folder)
+        super()._go_on()
+
+    def _bake_arguments(self, scene: bpy.types.Scene) -> list[str]:
         options = self.options
-        command = ["bake", "--out", str(options.folder), "--scene", self.name, "--camera", self.camera]
+        command = ["bake", "--out", str(options.folder), "--scene", scene.name, "--camera", scene.camera.name]
         return [
             *command,
             "--samples",
@@ -132,44 +185,25 @@ class BackgroundBake:
         shapes = {light["shape"]["type"] for light in lights}
         return [kind for shape, kind in KINDS.items() if shape in shapes]
 
-    def cancel(self) -> None:
-        """Asks the other Blender to end; what is there stays."""
-        self._stopped = True
-        self._steps.clear()
-        self._worker.stop()
 
-    def close(self) -> None:
-        """Ends it at once. Files are whole at every moment."""
-        self._stopped = True
-        self._worker.kill()
-        self._worker.events()
-        self.error = self.error or STOPPED
-        self._remove_copy()
-
-    def _remove_copy(self) -> None:
-        if self._copy is not None:
-            self._copy.remove()
-            self._copy = None
+_jobs: list[BackgroundJob] = []
 
 
-_jobs: list[BackgroundBake] = []
-
-
-def start(scene: bpy.types.Scene) -> BackgroundBake:
+def start(scene: bpy.types.Scene, kind: Callable[[bpy.types.Scene], BackgroundJob] = BackgroundBake) -> BackgroundJob:
     """Starts a job for a scene that can be baked (`checks.check_start`). It replaces the scene's last one, if that has
     ended."""
     forget(scene)
-    job = BackgroundBake(scene)
+    job = kind(scene)
     _jobs.append(job)
     return job
 
 
-def of(scene: bpy.types.Scene) -> BackgroundBake | None:
+def of(scene: bpy.types.Scene) -> BackgroundJob | None:
     """The job of a scene."""
     return next((job for job in _jobs if job.scene_uid == scene.session_uid), None)
 
 
-def all_jobs() -> list[BackgroundBake]:
+def all_jobs() -> list[BackgroundJob]:
     """All jobs, also those of files that are not open any more."""
     return list(_jobs)
 

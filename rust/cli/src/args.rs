@@ -1,7 +1,7 @@
 //! The command line. Doc comments are its help texts.
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use relume_session::Device;
+use relume_session::{Device, MOST_PARTS};
 use std::path::PathBuf;
 
 /// Relights finished shots: traces paths once, sums any lights over them, learns a proxy, solves lights.
@@ -42,6 +42,12 @@ pub struct Global {
 pub enum Command {
     /// Trace the paths of a scene that Blender wrote, or of an OBJ file, into a bake folder.
     Trace(TraceArgs),
+    /// Prepare bakes that many machines trace: a job folder, cut into parts.
+    Plan(PlanArgs),
+    /// Trace parts of a job. Exit code 75: a file could not be read or written, try again or elsewhere.
+    Work(WorkArgs),
+    /// Check what the machines have made, and name the parts that are missing or damaged.
+    Collect(CollectArgs),
     /// Sum lights over a bake, without a proxy.
     Gather(GatherArgs),
     /// Train a proxy on a bake.
@@ -70,6 +76,86 @@ pub struct TraceArgs {
     /// Go on with an interrupted bake, or add samples to a finished one.
     #[arg(long)]
     pub resume: bool,
+    #[command(flatten)]
+    pub settings: SettingsArgs,
+}
+
+#[derive(Args, Debug)]
+pub struct PlanArgs {
+    /// Scene files or OBJ files, such as one a frame. Each bake is in a folder of its scene file's name.
+    #[arg(required = true)]
+    pub scenes: Vec<PathBuf>,
+    /// Job folder to write.
+    #[arg(long, short)]
+    pub out: PathBuf,
+    /// Parts of each bake.
+    #[arg(long, default_value_t = 8)]
+    pub parts: usize,
+    /// Files to write besides, for a farm that does the job.
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub emit: Vec<Farm>,
+    #[command(flatten)]
+    pub settings: SettingsArgs,
+}
+
+/// Farms that a job can be given to.
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
+pub enum Farm {
+    /// Open Job Description: template.json.
+    Openjd,
+    /// The same for farms that give several parts to a machine at a time.
+    OpenjdChunks,
+    /// Flamenco 3: a job type, which plans by itself.
+    Flamenco,
+    /// Slurm: slurm.sh, which submits the job.
+    Slurm,
+    /// Make, on this machine.
+    Make,
+}
+
+#[derive(Args, Debug)]
+pub struct WorkArgs {
+    /// Job folder, or its plan.json.
+    pub plan: PathBuf,
+    /// Numbers of the parts, like 3 or 1-4,7.
+    #[arg(long)]
+    pub part: Parts,
+}
+
+#[derive(Args, Debug)]
+pub struct CollectArgs {
+    /// Job folder, or its plan.json.
+    pub plan: PathBuf,
+}
+
+/// Numbers of parts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parts(pub Vec<usize>);
+
+impl std::str::FromStr for Parts {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("'{text}' names no parts; give numbers like 3 or 1-4,7");
+        let mut parts = Vec::new();
+        for range in text.split(',') {
+            let (first, last) = range.split_once('-').unwrap_or((range, range));
+            let number = |word: &str| word.trim().parse::<usize>().map_err(|_| wrong());
+            let (first, last) = (number(first)?, number(last)?);
+            if first == 0 || first > last || last > MOST_PARTS {
+                return Err(wrong());
+            }
+            parts.extend(first..=last);
+        }
+        parts.sort_unstable();
+        parts.dedup();
+        Ok(Self(parts))
+    }
+}
+
+/// Settings of a bake that replace those of its scene file.
+#[derive(Args, Debug)]
+pub struct SettingsArgs {
     /// Paths per pixel; default is that of the scene file, or 256.
     #[arg(long)]
     pub samples: Option<u32>,
@@ -363,6 +449,15 @@ mod tests {
     fn command_line_is_consistent() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn parts_are_numbers_and_ranges() {
+        assert_eq!("3".parse(), Ok(Parts(vec![3])));
+        assert_eq!("7, 1-3,2".parse(), Ok(Parts(vec![1, 2, 3, 7])));
+        for wrong in ["", "0", "4-2", "a", "1-", "-3", "1,,2", "1-99999999999"] {
+            assert!(wrong.parse::<Parts>().is_err(), "{wrong}");
+        }
     }
 
     #[test]

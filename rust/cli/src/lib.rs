@@ -3,6 +3,7 @@
 mod args;
 mod commands;
 mod console;
+mod emit;
 
 use args::{Cli, Command};
 use clap::Parser;
@@ -15,6 +16,8 @@ use std::sync::Arc;
 
 /// Exit code of a run that was asked to stop: 128 + SIGINT, as shells report it.
 const STOPPED: u8 = 130;
+/// Exit code of work on a part that may succeed later or elsewhere: `EX_TEMPFAIL`, as mail systems report it.
+const TRY_AGAIN: u8 = 75;
 
 /// Runs a command line (program name first), prints as it goes, and returns the exit code. SIGINT and SIGTERM stop it
 /// cleanly.
@@ -25,12 +28,14 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         Err(error) => return usage(&error, args.iter().any(|argument| argument == "--json")),
     };
     let console = Arc::new(Console::new(Style { json: cli.global.json, quiet: cli.global.quiet }));
+    let is_work = matches!(cli.command, Command::Work(_));
     match run_with_signals(cli, &console) {
         Ok(()) => 0,
         Err(error) => {
             console.error(&error.to_string());
             match error.downcast_ref::<SessionError>() {
                 Some(SessionError::Cancelled) => STOPPED,
+                Some(error) if is_work && error.may_pass() => TRY_AGAIN,
                 _ => 1,
             }
         }
@@ -68,6 +73,9 @@ fn dispatch(cli: Cli, console: &Console, monitor: &Monitor) -> anyhow::Result<()
 fn command(command: Command, context: &commands::CommandContext) -> anyhow::Result<()> {
     match command {
         Command::Trace(args) => commands::trace(&args, context),
+        Command::Plan(args) => commands::plan(&args, context),
+        Command::Work(args) => commands::work(&args, context),
+        Command::Collect(args) => commands::collect(&args, context),
         Command::Gather(args) => commands::gather(&args, context),
         Command::Evaluate(args) => commands::evaluate(&args, context),
         Command::Train(args) => commands::train(&args, context),

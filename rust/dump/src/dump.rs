@@ -2,6 +2,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
+use rayon::prelude::*;
 use relume_image::Image;
 
 use crate::samples::{AOV_CHANNELS, aov_channel};
@@ -168,33 +169,67 @@ impl Dump {
     /// Reads everything and lists all that is wrong, in words, each with its file; an empty list means sound and
     /// complete.
     pub fn validate(&self) -> Vec<String> {
-        let mut problems: Vec<_> = self
-            .missing()
-            .iter()
-            .map(|(tile, pass)| format!("tile {tile}, pass {pass} is missing"))
-            .collect();
-        for shard in self.shards() {
-            let found = shard.problems(self.manifest.receiver_count());
-            problems
-                .extend(found.into_iter().map(|problem| format!("{}: {problem}", shard.path().display())));
-        }
-        problems
+        let missing = self.missing().into_iter().map(|(tile, pass)| missing(tile, pass));
+        missing.chain(self.shards().flat_map(|shard| problems(shard, &self.manifest))).collect()
     }
 
     /// Validates a folder like [`Dump::validate`], but goes on past shards that cannot be opened.
     pub fn validate_dir(dir: &Path) -> Result<Vec<String>, DumpError> {
-        let mut dump = Self::in_memory(Manifest::read(dir)?)?;
-        let mut problems = Vec::new();
-        for (tile, pass) in dump.missing() {
-            let path = Manifest::shard_path(dir, tile, pass);
-            if path.exists() {
-                let result = Shard::open(&path).and_then(|shard| dump.insert(tile, pass, Arc::new(shard)));
-                problems.extend(result.err().map(|error| error.to_string()));
-            }
-        }
-        problems.extend(dump.validate());
-        Ok(problems)
+        Ok(Self::faults(dir)?.into_iter().map(|fault| fault.words).collect())
     }
+
+    /// Reads everything in a folder and tells of each shard what is wrong with it, pass by pass.
+    ///
+    /// # Errors
+    /// If the manifest cannot be read.
+    pub fn faults(dir: &Path) -> Result<Vec<ShardFault>, DumpError> {
+        let dump = Self::in_memory(Manifest::read(dir)?)?;
+        let (tiles, passes) = (dump.manifest.tile_count(), dump.manifest.passes.len());
+        let of_shard = |number: usize| {
+            let (tile, pass) = (number % tiles, number / tiles);
+            let path = Manifest::shard_path(dir, tile, pass);
+            let is_missing = !path.exists();
+            let words =
+                if is_missing { vec![missing(tile, pass)] } else { dump.faults_of(&path, tile, pass) };
+            let fault = move |words| ShardFault { tile, pass, is_missing, words };
+            words.into_iter().map(fault).collect::<Vec<_>>()
+        };
+        Ok((0..tiles * passes).into_par_iter().flat_map_iter(of_shard).collect())
+    }
+
+    /// Faults of a shard's file.
+    fn faults_of(&self, path: &Path, tile: usize, pass: usize) -> Vec<String> {
+        let opened = Shard::open(path).and_then(|shard| {
+            let place = check_place(&self.manifest, &self.bake_id, tile, pass, shard.header());
+            place.map(|()| shard).map_err(|reason| DumpError::damaged(path, reason))
+        });
+        match opened {
+            Ok(shard) => problems(&shard, &self.manifest),
+            Err(error) => vec![error.to_string()],
+        }
+    }
+}
+
+/// What is wrong with one shard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ShardFault {
+    /// Tile number.
+    pub tile: usize,
+    /// Pass number.
+    pub pass: usize,
+    /// True if there is no file.
+    pub is_missing: bool,
+    /// Fault, in words; names the file, if there is one.
+    pub words: String,
+}
+
+fn missing(tile: usize, pass: usize) -> String {
+    format!("tile {tile}, pass {pass} is missing")
+}
+
+fn problems(shard: &Shard, manifest: &Manifest) -> Vec<String> {
+    let found = shard.problems(manifest.receiver_count());
+    found.into_iter().map(|problem| format!("{}: {problem}", shard.path().display())).collect()
 }
 
 impl AovSums {

@@ -35,7 +35,7 @@ mod shard;
 mod writer;
 
 pub use classes::{SegmentClasses, Sight};
-pub use dump::{AovSums, Aovs, Dump};
+pub use dump::{AovSums, Aovs, Dump, ShardFault};
 pub use error::DumpError;
 pub use manifest::{FORMAT_VERSION, Manifest, Pass, TileRect};
 pub use packing::{

@@ -62,14 +62,27 @@ impl DumpWriter {
             }
         }
         let mut writer = Self::start(dir, manifest)?;
-        writer.found = writer.find()?;
+        writer.found = writer.find(&|_, _| true)?;
         Ok(writer)
     }
 
-    /// Finds the shards that are there and sound, by tile and pass. Reads all of them.
-    fn find(&self) -> Result<Vec<Vec<bool>>, DumpError> {
+    /// Joins the dump of a folder for some of its tiles and passes. The manifest is another process's, and stays. Shards
+    /// that are not ours count as complete, and are not looked at; of ours, damaged ones are removed.
+    ///
+    /// # Errors
+    /// If the manifest or one of our shards cannot be read.
+    pub fn join(dir: &Path, is_ours: &(dyn Fn(usize, usize) -> bool + Sync)) -> Result<Self, DumpError> {
+        let mut writer = Self::unread(dir, Manifest::read(dir)?);
+        writer.found = writer.find(is_ours)?;
+        Ok(writer)
+    }
+
+    /// Finds the shards that are there and sound, by tile and pass. Reads all of ours; others count as found.
+    fn find(&self, is_ours: &(dyn Fn(usize, usize) -> bool + Sync)) -> Result<Vec<Vec<bool>>, DumpError> {
+        let is_there =
+            |tile, pass| if is_ours(tile, pass) { self.keep_or_remove(tile, pass) } else { Ok(true) };
         let passes = 0..self.manifest.passes.len();
-        let of_tile = |tile| passes.clone().map(|pass| self.keep_or_remove(tile, pass)).collect();
+        let of_tile = |tile| passes.clone().map(|pass| is_there(tile, pass)).collect();
         (0..self.manifest.tile_count()).into_par_iter().map(of_tile).collect()
     }
 
@@ -77,8 +90,12 @@ impl DumpWriter {
         manifest.check()?;
         fs::create_dir_all(dir).map_err(DumpError::io("create the folder", dir))?;
         manifest.write(dir)?;
+        Ok(Self::unread(dir, manifest))
+    }
+
+    fn unread(dir: &Path, manifest: Manifest) -> Self {
         let found = vec![vec![false; manifest.passes.len()]; manifest.tile_count()];
-        Ok(Self { dir: dir.to_owned(), manifest, found })
+        Self { dir: dir.to_owned(), manifest, found }
     }
 
     fn keep_or_remove(&self, tile: usize, pass: usize) -> Result<bool, DumpError> {

@@ -72,6 +72,18 @@ pub enum SessionError {
 }
 
 impl SessionError {
+    /// True if a file could not be read or written: the same may succeed later, or on another machine.
+    pub fn may_pass(&self) -> bool {
+        use relume_dump::DumpError;
+        use relume_trace::TraceError;
+        matches!(
+            self,
+            Self::Io { .. }
+                | Self::Dump(DumpError::Io { .. })
+                | Self::Trace(TraceError::Dump(DumpError::Io { .. }) | TraceError::Threads { .. })
+        )
+    }
+
     /// True if a GPU failed, so that the CPU may succeed.
     pub(crate) fn is_of_gpu(&self) -> bool {
         self.of_gpu().is_some()

@@ -22,6 +22,7 @@ mod bake;
 mod data_passes;
 mod device;
 mod error;
+mod farm;
 mod files;
 pub mod live;
 mod progress;
@@ -43,6 +44,9 @@ pub use data_passes::data_passes;
 pub use device::compute::{Compute, Device};
 pub use device::threads::{in_background, on_threads};
 pub use error::SessionError;
+pub use farm::{
+    CollectedBake, MOST_PARTS, PLAN_FILE, Plan, PlannedBake, Shot, WorkReport, collect, plan, work,
+};
 pub use files::contents::lost_files;
 pub use files::environment::environment_texture;
 pub use files::folder_lock::folder_in_use;

@@ -2,6 +2,7 @@
 
 mod devices;
 mod evaluate;
+mod farm;
 mod inspect;
 mod optimise;
 mod out_file;
@@ -16,6 +17,7 @@ use std::path::Path;
 
 pub use devices::devices;
 pub use evaluate::evaluate;
+pub use farm::{collect, plan, work};
 pub use inspect::{info, validate};
 pub use optimise::optimise;
 pub use relight::{gather, relight};

@@ -1,21 +1,16 @@
 use super::CommandContext;
-use crate::args::{TraceArgs, Triple, Up, ViewArgs};
+use crate::args::{SettingsArgs, TraceArgs, Triple, Up, ViewArgs};
 use anyhow::bail;
 use relume_session::scene::UpAxis;
 use relume_session::trace::TraceSettings;
 use relume_session::trace::settings::BounceLimits;
 use relume_session::{LightSet, ObjView, SceneFile, bake, obj_scene};
+use std::path::Path;
 
 /// Traces a scene file or an OBJ scene into a bake folder.
 pub fn trace(args: &TraceArgs, context: &CommandContext) -> anyhow::Result<()> {
-    let mut file = read(args)?;
-    if let Some(path) = &args.lights {
-        let set = LightSet::read(path)?;
-        set.notes.iter().for_each(|note| context.monitor.warn(note));
-        file.scene.lights = set.lights;
-    }
-    let settings = overridden(&file.settings, args, context)?;
-    let report = bake(&file.scene, &settings, &args.out, args.resume, context.monitor)?;
+    let file = read(&args.scene, &args.settings, context)?;
+    let report = bake(&file.scene, &file.settings, &args.out, args.resume, context.monitor)?;
     file.write_view(&args.out)?;
     let text = format!(
         "{}: {} x {} pixels, {} paths per pixel, {} segments, {:.1} MiB, {:.1} s",
@@ -31,21 +26,33 @@ pub fn trace(args: &TraceArgs, context: &CommandContext) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn read(args: &TraceArgs) -> anyhow::Result<SceneFile> {
-    if args.scene.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("obj")) {
+/// Reads a scene file or an OBJ file, with the settings that the options say.
+pub fn read(path: &Path, args: &SettingsArgs, context: &CommandContext) -> anyhow::Result<SceneFile> {
+    let mut file = read_as_it_is(path, &args.view)?;
+    if let Some(path) = &args.lights {
+        let set = LightSet::read(path)?;
+        set.notes.iter().for_each(|note| context.monitor.warn(note));
+        file.scene.lights = set.lights;
+    }
+    file.settings = overridden(&file.settings, args, context)?;
+    Ok(file)
+}
+
+fn read_as_it_is(path: &Path, view: &ViewArgs) -> anyhow::Result<SceneFile> {
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("obj")) {
         let bounces =
             BounceLimits { total: 12, diffuse: 12, glossy: 12, transmission: 12, ..BounceLimits::default() };
         let mut settings = TraceSettings { samples: 256, ..TraceSettings::default() };
         settings.paths.bounces = bounces;
-        return Ok(SceneFile { scene: obj_scene(&args.scene, &obj_view(&args.view))?, settings, view: None });
+        return Ok(SceneFile { scene: obj_scene(path, &obj_view(view))?, settings, view: None });
     }
-    if args.view != ViewArgs::default() {
+    if *view != ViewArgs::default() {
         bail!(
             "{} has a camera and a world; --width, --height, --eye, --target, --fov, --world and --up are for OBJ files",
-            args.scene.display()
+            path.display()
         );
     }
-    Ok(SceneFile::read(&args.scene)?)
+    Ok(SceneFile::read(path)?)
 }
 
 fn obj_view(args: &ViewArgs) -> ObjView {
@@ -68,7 +75,7 @@ fn obj_view(args: &ViewArgs) -> ObjView {
 /// The scene's settings with what the options override.
 fn overridden(
     own: &TraceSettings,
-    args: &TraceArgs,
+    args: &SettingsArgs,
     context: &CommandContext,
 ) -> anyhow::Result<TraceSettings> {
     let mut settings = TraceSettings {

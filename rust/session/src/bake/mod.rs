@@ -2,9 +2,11 @@
 
 pub(crate) mod features;
 pub(crate) mod guiding;
+mod shards;
 pub(crate) mod world;
 
 use crate::bake::guiding::GuidingRecord;
+use crate::bake::shards::{ObservedWriter, Work, trace};
 use crate::error::SessionError;
 use crate::files::contents;
 use crate::files::folder_lock::FolderLock;
@@ -14,12 +16,12 @@ use crate::files::names::{
 };
 use crate::files::scene_file::write_scene;
 use crate::progress::{Monitor, Stage};
-use relume_dump::{Dump, DumpError, DumpWriter, Manifest, Shard, ShardSink, TileSamples};
+use relume_dump::{Dump, DumpError, DumpWriter, Manifest, ShardSink};
 use relume_scene::{Light, Scene};
-use relume_trace::{Control, TraceOutcome, TraceSettings, Tracer, guide_targets, manifest};
+use relume_trace::{TraceSettings, Tracer, guide_targets, manifest};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Largest film exposure, so that what is as bright as may be can be summed still; Blender's own goes to 10.
@@ -111,41 +113,24 @@ pub(crate) fn bake_observed(
 ) -> Result<BakeReport, SessionError> {
     let start = Instant::now();
     check(scene, settings)?;
-    let lights =
-        LightSet { name: scene.camera.name.clone(), lights: scene.lights.clone(), notes: Vec::new() };
     if let Some(dump) = if resume { of_another_world(scene, settings, folder)? } else { None } {
-        write_lights(&lights, folder)?;
+        write_lights(scene, folder)?;
         (observer.passes)(dump.clone());
         if let Some(observe) = observer.prepared {
             observe(&Tracer::new(scene, settings)?);
         }
         return Ok(report(&dump, start, scene.warnings.clone()));
     }
-    let prepare = monitor.stage(Stage::Prepare, 0, 1);
     // What is added to a bake is of the colour that its world began with; the writer refuses a bake of something else.
     let baked = if resume { Manifest::read(folder).ok() } else { None };
     let is_record_lost = baked.is_some() && contents::is_lost(&folder.join(GUIDED_FILE));
     let world_color = baked.map(|baked| baked.world_color).or(settings.world_color);
-    let tracer = Tracer::new(scene, &TraceSettings { world_color, ..settings.clone() })?;
-    prepare.advance(1, "");
+    let own = TraceSettings { world_color, ..settings.clone() };
+    let (tracer, warnings) = ready(scene, &own, monitor)?;
     observer.prepared.iter().for_each(|observe| observe(&tracer));
-    let warnings: Vec<String> = scene.warnings.iter().chain(tracer.warnings()).cloned().collect();
-    warnings.iter().for_each(|warning| monitor.warn(warning));
 
     let _lock = FolderLock::take(folder)?;
-    let writer = match resume {
-        true => DumpWriter::resume(folder, tracer.manifest())?,
-        false => DumpWriter::create(folder, tracer.manifest())?,
-    };
-    contents::note(&folder.join(Manifest::FILE))?;
-    write_lights(&lights, folder)?;
-    let scene_path = folder.join(SCENE_FILE);
-    if !(resume && scene_path.exists()) {
-        // Equal for equal paths, wherever lights stand and however many samples there are.
-        let own =
-            TraceSettings { paths: settings.paths.clone(), seed: settings.seed, ..TraceSettings::default() };
-        write_scene(&scene_path, scene, &own, None)?;
-    }
+    let writer = begin(&tracer, scene, settings, folder, resume)?;
     let guiding_record =
         if resume { GuidingRecord::of_bake(folder).unwrap_or_default() } else { GuidingRecord::default() };
     let recorder = GuideRecorder {
@@ -156,12 +141,98 @@ pub(crate) fn bake_observed(
         is_lost: is_record_lost,
     };
     let sink = ObservedWriter::new(writer, folder, observer.passes)?;
-    trace(&tracer, &sink, &recorder, observer.samples, monitor)?;
+    let lights = |pass| recorder.lights_of(pass, monitor);
+    let mut work = Work::of(&sink, &|_, _| true);
+    work.samples = observer.samples;
+    trace(&tracer, &sink, &lights, &work, monitor)?;
 
     Ok(report(&sink.writer.finish()?, start, warnings))
 }
 
-fn write_lights(lights: &LightSet, folder: &Path) -> Result<(), SessionError> {
+/// Makes a folder ready for the paths of a bake, which others trace: it has all files of the bake but its shards. A
+/// bake of the same scene that is there goes on.
+pub(crate) fn prepare(
+    scene: &Scene,
+    settings: &TraceSettings,
+    folder: &Path,
+    monitor: &Monitor,
+) -> Result<Manifest, SessionError> {
+    check(scene, settings)?;
+    let (tracer, _) = ready(scene, settings, monitor)?;
+    let _lock = FolderLock::take(folder)?;
+    let dump = begin(&tracer, scene, settings, folder, true)?.finish()?;
+    if !dump.missing().is_empty() {
+        let mut guiding_record = GuidingRecord::of_bake(folder)?;
+        let lights = guide_targets(scene, settings);
+        if guiding_record.note(dump.complete_passes(), &lights, settings.guiding) {
+            guiding_record.write(folder)?;
+        }
+    }
+    Ok(dump.manifest().clone())
+}
+
+/// Traces some shards of a bake whose folder is ready ([`prepare`]); whole ones that are there stay. Returns how many
+/// there were to trace, and to have.
+pub(crate) fn trace_part(
+    scene: &Scene,
+    settings: &TraceSettings,
+    folder: &Path,
+    is_mine: &(dyn Fn(usize, usize) -> bool + Sync),
+    monitor: &Monitor,
+) -> Result<[usize; 2], SessionError> {
+    check(scene, settings)?;
+    let sink = DumpWriter::join(folder, is_mine)?;
+    let work = Work::of(&sink, is_mine);
+    if work.missing > 0 {
+        let world_color = Some(sink.manifest().world_color);
+        let (tracer, _) = ready(scene, &TraceSettings { world_color, ..settings.clone() }, monitor)?;
+        let targets = guide_targets(scene, settings);
+        trace(&tracer, &sink, &|_| targets.clone(), &work, monitor)?;
+    }
+    Ok([work.missing, work.shards])
+}
+
+/// A scene made ready for tracing, and all warnings about it, which are told.
+fn ready<'a>(
+    scene: &'a Scene,
+    settings: &TraceSettings,
+    monitor: &Monitor,
+) -> Result<(Tracer<'a>, Vec<String>), SessionError> {
+    let prepare = monitor.stage(Stage::Prepare, 0, 1);
+    let tracer = Tracer::new(scene, settings)?;
+    prepare.advance(1, "");
+    let warnings: Vec<String> = scene.warnings.iter().chain(tracer.warnings()).cloned().collect();
+    warnings.iter().for_each(|warning| monitor.warn(warning));
+    Ok((tracer, warnings))
+}
+
+/// Begins the dump of a bake in a folder, or goes on with it; with what lies beside its paths.
+fn begin(
+    tracer: &Tracer,
+    scene: &Scene,
+    settings: &TraceSettings,
+    folder: &Path,
+    resume: bool,
+) -> Result<DumpWriter, SessionError> {
+    let writer = match resume {
+        true => DumpWriter::resume(folder, tracer.manifest())?,
+        false => DumpWriter::create(folder, tracer.manifest())?,
+    };
+    contents::note(&folder.join(Manifest::FILE))?;
+    write_lights(scene, folder)?;
+    let scene_path = folder.join(SCENE_FILE);
+    if !(resume && scene_path.exists()) {
+        // Equal for equal paths, wherever lights stand and however many samples there are.
+        let own =
+            TraceSettings { paths: settings.paths.clone(), seed: settings.seed, ..TraceSettings::default() };
+        write_scene(&scene_path, scene, &own, None)?;
+    }
+    Ok(writer)
+}
+
+fn write_lights(scene: &Scene, folder: &Path) -> Result<(), SessionError> {
+    let lights =
+        LightSet { name: scene.camera.name.clone(), lights: scene.lights.clone(), notes: Vec::new() };
     let path = folder.join(LIGHTS_FILE);
     lights.write(&path)?;
     contents::note(&path)
@@ -228,47 +299,6 @@ pub(crate) fn check_scene(scene: &Scene) -> Result<(), String> {
         .map_err(|problems| problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
 }
 
-/// Runs the tracer with its progress, as a part of so many samples, and the cancel flag passed on.
-fn trace(
-    tracer: &Tracer,
-    sink: &dyn ShardSink,
-    recorder: &GuideRecorder,
-    samples: u32,
-    monitor: &Monitor,
-) -> Result<(), SessionError> {
-    let Manifest { width, height, .. } = *sink.manifest();
-    let total = u64::from(samples) * (width * height) as u64;
-    // The tracer tells of what is there, too, as it goes over it: that takes no time.
-    let there = paths_in(sink);
-    let stage = monitor.stage(Stage::Trace, there, total);
-    let on_progress = |progress: relume_trace::TraceProgress| {
-        stage.set(
-            progress.paths.max(there),
-            &format!("{} of {} shards", progress.shards, progress.shards_total),
-        );
-    };
-    let cancel = monitor.cancel().flag().clone();
-    let lights = |pass| recorder.lights_of(pass, monitor);
-    let control =
-        Control { cancel, on_progress: Some(Box::new(on_progress)), lights: Some(Box::new(lights)) };
-    match tracer.trace(sink, &control)? {
-        TraceOutcome::Complete => Ok(()),
-        TraceOutcome::Cancelled => Err(SessionError::Cancelled),
-    }
-}
-
-/// Number of paths that are there already.
-fn paths_in(sink: &dyn ShardSink) -> u64 {
-    let manifest = sink.manifest();
-    let shards = (0..manifest.passes.len())
-        .flat_map(|pass| (0..manifest.tile_count()).map(move |tile| (tile, pass)))
-        .filter(|(tile, pass)| sink.is_complete(*tile, *pass));
-    let paths = |(tile, pass): (usize, usize)| {
-        manifest.tile_rect(tile).pixel_count() as u64 * u64::from(manifest.passes[pass].samples)
-    };
-    shards.map(paths).sum()
-}
-
 /// Records the lights that the paths of each pass are guided towards.
 struct GuideRecorder<'a> {
     folder: &'a Path,
@@ -290,54 +320,6 @@ impl GuideRecorder<'_> {
             monitor.warn(&error.to_string());
         }
         lights
-    }
-}
-
-/// A writer that opens what it has written and tells of every whole pass.
-struct ObservedWriter<'a> {
-    writer: DumpWriter,
-    folder: &'a Path,
-    observe: &'a (dyn Fn(Dump) + Sync),
-    /// Dump so far, and the number of whole passes that were reported.
-    dump: Mutex<(Dump, usize)>,
-}
-
-impl<'a> ObservedWriter<'a> {
-    fn new(
-        writer: DumpWriter,
-        folder: &'a Path,
-        observe: &'a (dyn Fn(Dump) + Sync),
-    ) -> Result<Self, SessionError> {
-        let mut dump = (Dump::open(folder)?, 0);
-        tell(&mut dump, observe);
-        Ok(Self { writer, folder, observe, dump: Mutex::new(dump) })
-    }
-}
-
-impl ShardSink for ObservedWriter<'_> {
-    fn manifest(&self) -> &Manifest {
-        self.writer.manifest()
-    }
-
-    fn is_complete(&self, tile: usize, pass: usize) -> bool {
-        self.writer.is_complete(tile, pass)
-    }
-
-    fn write(&self, tile: usize, pass: usize, samples: &TileSamples) -> Result<(), DumpError> {
-        self.writer.write(tile, pass, samples)?;
-        let shard = Arc::new(Shard::open(&Manifest::shard_path(self.folder, tile, pass))?);
-        let mut dump = self.dump.lock().unwrap_or_else(PoisonError::into_inner);
-        dump.0.insert(tile, pass, shard)?;
-        tell(&mut dump, self.observe);
-        Ok(())
-    }
-}
-
-fn tell((dump, told): &mut (Dump, usize), observe: &dyn Fn(Dump)) {
-    let complete = dump.complete_passes();
-    if complete > *told {
-        *told = complete;
-        observe(dump.passes(0..complete));
     }
 }
 
@@ -385,6 +367,7 @@ mod tests {
     use crate::files::obj_scene::{ObjView, obj_scene};
     use crate::progress::{Cancel, Listener, Progress};
     use crate::test_room::room;
+    use std::sync::Arc;
 
     #[derive(Default)]
     struct Traced(Mutex<Vec<Progress>>);

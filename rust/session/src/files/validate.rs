@@ -65,7 +65,7 @@ const ALTERED: &str = "it is not as Relume wrote it";
 type FileCheck<'a> = dyn Fn(&Path) -> Result<(), String> + 'a;
 
 /// Faults of the small files beside the paths.
-fn faults_of_files(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
+pub(crate) fn faults_of_files(folder: &Path, manifest: Option<&Manifest>) -> Vec<String> {
     let whole = |result: Result<(), SessionError>| result.map_err(reason_of);
     let world = || manifest.map_or(Ok(()), |manifest| WorldLayer::of_bake(folder, manifest).map(drop));
     let view = |path: &Path| ViewTransform::read_lut(path).map(drop).map_err(|error| error.to_string());
