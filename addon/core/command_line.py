@@ -67,8 +67,14 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_bake(commands: argparse._SubParsersAction) -> None:
     bake = commands.add_parser("bake", help="trace the paths of the open scene into a bake folder")
-    bake.add_argument("-o", "--out", required=True, metavar="FOLDER", help="bake folder to write")
+    bake.add_argument(
+        "-o", "--out", metavar="FOLDER", help="bake folder to write; with --shots the folder of their folders"
+    )
+    bake.add_argument(
+        "--shots", metavar="NAMES", help="shots of the scene's list: all, or names with commas between (A,B)"
+    )
     _add_view(bake)
+    bake.add_argument("--layer", metavar="NAME", help="view layer; default: the first one that Blender renders")
     bake.add_argument("--samples", type=_positive, help="paths per pixel; default: the scene's")
     bake.add_argument("--bounces", type=_count, help="most bounces, in all and of each kind; default: the scene's")
     bake.add_argument("--tile", type=_positive, default=64, help="edge of the image tiles in pixels")
