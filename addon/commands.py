@@ -49,7 +49,7 @@ def run(arguments: list[str]) -> int:
 
 def _run(arguments: list[str], reporter: Reporter) -> int:
     try:
-        if arguments and arguments[0] in command_line.FORWARDED:
+        if command_line.is_forwarded(arguments):
             return native().run_command_line(arguments)
         options, rest = command_line.parse(arguments)
         with _stopped_by_sigterm():

@@ -180,6 +180,9 @@ def test_the_contact_sheet_shows_all_shots_under_the_present_lights(shots, tmp_p
     assert image.packed_file is not None and image.size[0] > 3 * 32
     out = tmp_path / "sheet.png"
     assert bpy.ops.relume.save_sheet(filepath=str(out)) == {"FINISHED"}
-    job = relume.start("relight", shots=tmp_path / "bake" / "Scene_shots.json", sheet=tmp_path / "same.png")
+    listed = tmp_path / "bake" / "Scene_shots.json"
+    assert run(["relight", f"--shots={listed}", "--out", str(tmp_path / "{shot}.exr"), "--quiet"]) == 0
+    assert (tmp_path / "Left.exr").exists() and (tmp_path / "Right.png").exists()
+    job = relume.start("relight", shots=listed, sheet=tmp_path / "same.png")
     assert [entry["name"] for entry in job.wait()["shots"]] == ["Camera", "Left", "Right"]
     assert out.read_bytes() != (tmp_path / "same.png").read_bytes(), "the last shot's own lamp is elsewhere"

@@ -113,6 +113,8 @@ def test_a_shot_has_its_own_quality_size_and_layer(cameras):
     assert render_layer(cameras).name == "Hero" and current_size(cameras) == (32, 20)
     wanted = shot_list.arguments(shot_list.current(cameras))
     assert wanted == ["--camera", "Camera", "--layer", "Hero", "--resolution", "32x20"]
+    evaluated = bpy.context.evaluated_depsgraph_get().scene_eval
+    assert options_of(evaluated).resolution == (32, 20), "renders have an evaluated scene"
     start(cameras)
     assert FakeLive.made[-1].calls[0][1]["samples"] == 16
 

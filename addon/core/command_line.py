@@ -16,6 +16,15 @@ FORWARDED = {
 }
 """Commands that need no scene: their arguments go to the native command line as they are."""
 
+NATIVE_LIST = "--shots"
+"""Option with which `relight` is the native command too: each bake of a list has its own scene."""
+
+
+def is_forwarded(arguments: list[str]) -> bool:
+    """True for a command line that needs no scene."""
+    command, *rest = arguments or [""]
+    return command in FORWARDED or (command == "relight" and any(word.split("=")[0] == NATIVE_LIST for word in rest))
+
 
 class UsageError(Exception):
     """The arguments are wrong; the message says which, in one line."""

@@ -54,7 +54,7 @@ def _mark(scene: bpy.types.Scene, entry: Any) -> str:
             return "RENDER_ANIMATION"
         if any(waiting.key == entry.key for waiting, _ in batch.waiting):
             return "SORTTIME"
-    if _problem(scene, entry) or _failure(scene, entry):
+    if entry.key in _problems or _failure(scene, entry):
         return "ERROR"
     if opened is not None and opened.options.shot == entry.key:
         if opened.is_working:
@@ -77,8 +77,8 @@ def _is_baked(scene: bpy.types.Scene, entry: Any) -> bool:
     return any(on_disk(is_bake, place) for place in places)
 
 
-def _problem(scene: bpy.types.Scene, entry: Any) -> str:
-    return shot_list.problems(scene, _is_there).get(entry.key, "")
+_problems: dict[str, str] = {}
+"""What is wrong with shots, by their keys, as the panel that is drawn has found: each line asks for it."""
 
 
 def _failure(scene: bpy.types.Scene, entry: Any) -> str:
@@ -146,6 +146,8 @@ class RELUME_PT_shots(RelumePanel, bpy.types.Panel):  # noqa: N801
             _draw_adding(layout)
             return
         state = scene.relume_shots
+        _problems.clear()
+        _problems.update(shot_list.problems(scene, _is_there))
         row = layout.row()
         row.template_list("RELUME_UL_shots", "", state, "items", state, "active", rows=4)
         column = row.column(align=True)
@@ -171,7 +173,7 @@ def _draw_adding(layout) -> None:
 
 
 def _draw_entry(layout, scene, entry) -> None:
-    for words in (_problem(scene, entry), _failure(scene, entry)):
+    for words in (_problems.get(entry.key), _failure(scene, entry)):
         if words:
             message(layout, words[0].upper() + words[1:], "ERROR")
     if entry.is_foreign:
