@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
@@ -18,6 +19,31 @@ from . import baking
 PROBLEMS = (ProblemError, BackgroundError, NoCopyError, ValueError, OSError)
 
 
+def take(scene: bpy.types.Scene, added: list[Any]) -> None:
+    """Chooses the first of the shots that were added; one of them may be what is open."""
+    follow.adopt(scene)
+    scene.relume_shots.active = len(scene.relume_shots.items) - len(added)
+
+
+def remove(scene: bpy.types.Scene) -> None:
+    """Takes the chosen shot off the list."""
+    state = scene.relume_shots
+    number = state.active
+    state.items.remove(number)
+    state.active = max(0, min(number, len(state.items) - 1))
+
+
+def move(scene: bpy.types.Scene, steps: int) -> bool:
+    """Moves the chosen shot down the list, or up; False at the end of it."""
+    state = scene.relume_shots
+    place = state.active + steps
+    if not 0 <= place < len(state.items):
+        return False
+    state.items.move(state.active, place)
+    state.active = place
+    return True
+
+
 class _OnShot:
     """Mix-in of operators on the chosen shot."""
 
@@ -27,14 +53,12 @@ class _OnShot:
         return active_entry(context.scene) is not None
 
 
-def _added(operator: bpy.types.Operator, scene: bpy.types.Scene, found: list, none: str) -> set[str]:
+def _added(operator: bpy.types.Operator, scene: bpy.types.Scene, found: list[Any], none: str) -> set[str]:
     if not found:
         operator.report({"INFO"}, none)
         return {"CANCELLED"}
-    follow.adopt(scene)
-    names = shot_list.names(found)
-    scene.relume_shots.active = len(scene.relume_shots.items) - len(found)
-    operator.report({"INFO"}, f"Added {names}")
+    take(scene, found)
+    operator.report({"INFO"}, f"Added {shot_list.names(found)}")
     return {"FINISHED"}
 
 
@@ -99,10 +123,7 @@ class RELUME_OT_remove_shot(_OnShot, bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        state = context.scene.relume_shots
-        number = state.active
-        state.items.remove(number)
-        state.active = max(0, min(number, len(state.items) - 1))
+        remove(context.scene)
         return {"FINISHED"}
 
 
@@ -121,13 +142,7 @@ class RELUME_OT_move_shot(_OnShot, bpy.types.Operator):  # noqa: N801
 
     def execute(self, context):
         """Called by Blender."""
-        state = context.scene.relume_shots
-        place = state.active + (1 if self.direction == "DOWN" else -1)
-        if not 0 <= place < len(state.items):
-            return {"CANCELLED"}
-        state.items.move(state.active, place)
-        state.active = place
-        return {"FINISHED"}
+        return {"FINISHED"} if move(context.scene, 1 if self.direction == "DOWN" else -1) else {"CANCELLED"}
 
 
 class RELUME_OT_bake_all(bpy.types.Operator):  # noqa: N801
