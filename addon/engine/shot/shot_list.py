@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -180,8 +180,3 @@ def arguments(shot: ListedShot) -> list[str]:
     if shot.size is not None:
         found += ["--resolution", f"{shot.size[0]}x{shot.size[1]}"]
     return found
-
-
-def names(found: Iterable[Any]) -> str:
-    """Names of entries, for a message."""
-    return ", ".join(f"'{entry.name}'" for entry in found)

@@ -58,7 +58,6 @@ def _added(operator: bpy.types.Operator, scene: bpy.types.Scene, found: list[Any
         operator.report({"INFO"}, none)
         return {"CANCELLED"}
     take(scene, found)
-    operator.report({"INFO"}, f"Added {shot_list.names(found)}")
     return {"FINISHED"}
 
 

@@ -40,9 +40,10 @@ class RELUME_UL_shots(bpy.types.UIList):  # noqa: N801 -- Blender's naming
         else:
             name = camera.name if camera is not None else entry.camera_name or "none"
             rest.label(text=name, icon="CAMERA_DATA" if camera is not None else "ERROR")
-        frame = rest.row(align=True)
-        frame.alignment = "RIGHT"
-        frame.label(text=str(entry.frame) if entry.use_frame and not entry.is_foreign else "")
+        if entry.use_frame and not entry.is_foreign:
+            frame = rest.row(align=True)
+            frame.alignment = "RIGHT"
+            frame.label(text=str(entry.frame))
         row.label(text="", icon=_mark(scene, entry))
 
 
