@@ -100,6 +100,8 @@ fn one_shot_without_a_bake_is_named_and_the_others_have_their_pictures() {
     let message = failure(path, "relight --shots list/twice.json --sheet sheet.png");
     assert!(message.contains("two shots have the name 'Left'"), "{message}");
     assert!(!run(path, "relight --out a.exr").status.success(), "neither a bake nor a list");
+    let alone = run(path, "relight list/bake_Left --out a.exr --sheet sheet.png");
+    assert!(!alone.status.success(), "a sheet of no list");
 }
 
 #[test]

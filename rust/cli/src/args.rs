@@ -152,7 +152,7 @@ pub struct PictureArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "bake")]
     pub shots: Option<PathBuf>,
     /// Contact sheet of all shots to write, PNG.
-    #[arg(long, value_name = "FILE", requires = "shots")]
+    #[arg(long, value_name = "FILE", requires = "shots", conflicts_with = "bake")]
     pub sheet: Option<PathBuf>,
     /// Multi-layer EXR to write; the PNG goes beside it.
     #[arg(long, short, required_unless_present = "sheet")]
