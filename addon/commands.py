@@ -15,6 +15,7 @@ from typing import Any
 
 import bpy
 
+from . import shot_commands
 from .core import command_line
 from .core.bake_folder import OTHER_WORLD, camera_of, clear, clear_paths, is_bake, size_of
 from .core.progress import Pace, Reporter, clock
@@ -25,6 +26,7 @@ from .engine.shot.farm import frame_name
 from .engine.workers import image_colors, pictures, view_worker
 from .engine.world import world_render, worlds
 from .export import ExportError, ExportOptions, trace_settings, write_view_table
+from .export.view_layer import force_layer, free_layers
 
 STOPPED = 130
 """Exit code of a run that was asked to stop: 128 + SIGINT, as shells report it."""
@@ -45,12 +47,13 @@ def run(arguments: list[str]) -> int:
     try:
         return _run(arguments, reporter)
     finally:
+        free_layers()
         reporter.flush()
 
 
 def _run(arguments: list[str], reporter: Reporter) -> int:
     try:
-        if arguments and arguments[0] in command_line.FORWARDED:
+        if command_line.is_forwarded(arguments):
             return native().run_command_line(arguments)
         options, rest = command_line.parse(arguments)
         with _stopped_by_sigterm():
@@ -90,9 +93,25 @@ def _stopped_by_sigterm() -> Iterator[None]:
 
 
 def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
-    """Traces the open scene into a folder, with its lights and its view transform beside the paths."""
-    folder = Path(options.out)
+    """Traces the open scene into a folder, with its lights and its view transform beside the paths; or shots of its
+    list, each into its own."""
+    if options.shots is not None:
+        return shot_commands.bake_shots(options, reporter, _open_scene, _bake, _words)
+    if options.out is None:
+        raise command_line.UsageError("name a bake folder with --out, or shots with --shots")
     scene = _open_scene(options, reporter)
+    report = _bake(scene, options, reporter)
+    reporter.result(
+        report,
+        f"{options.out}: {report['width']} x {report['height']} pixels, {report['samples']} samples, "
+        f"{report['segments'] / 1e6:.1f} M segments, {report['bytes'] / 2**20:.0f} MiB in {clock(report['seconds'])}",
+    )
+    return 0
+
+
+def _bake(scene: bpy.types.Scene, options: argparse.Namespace, reporter: Reporter) -> dict[str, Any]:
+    """Traces a scene into the folder of the options; the native module's report."""
+    folder = Path(options.out)
     exported = load_scene(scene, _export_options(options))
     settings = _settings(scene, options, reporter)
     if use := native().folder_in_use(folder):
@@ -103,12 +122,7 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
     camera = scene.objects.get(options.camera or "")
     record.of(scene, exported.world_map, camera, exported.resolution).write(folder)
     write_view_table(scene, folder / "view.png")
-    reporter.result(
-        report,
-        f"{folder}: {report['width']} x {report['height']} pixels, {report['samples']} samples, "
-        f"{report['segments'] / 1e6:.1f} M segments, {report['bytes'] / 2**20:.0f} MiB in {clock(report['seconds'])}",
-    )
-    return 0
+    return report
 
 
 def export(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
@@ -306,6 +320,10 @@ def _open_scene(options: argparse.Namespace, reporter: Reporter) -> bpy.types.Sc
     if options.frame is not None:
         scene.frame_set(options.frame)
     _check_camera(scene, options.camera)
+    layer = getattr(options, "layer", None) or ""
+    if layer and layer not in scene.view_layers:
+        raise ExportError(f"scene '{scene.name}' has no view layer '{layer}'; it has {_all_of(scene.view_layers)}")
+    force_layer(scene, layer)
     return scene
 
 

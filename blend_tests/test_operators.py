@@ -17,7 +17,7 @@ from addon.core import strokes as core
 from addon.engine import devices
 from addon.engine.cycles import reference as cycles_reference
 from addon.engine.cycles import verify
-from addon.engine.shot import background, shot
+from addon.engine.shot import background, shot, shot_list
 from addon.engine.solve import solving
 from addon.live import comparison as comparing
 from addon.live.scheduler import scheduler
@@ -25,6 +25,8 @@ from addon.ui import background as background_ui
 from addon.ui import looks, mixer, preferences
 from addon.ui import start as starting
 from addon.ui import verify as verifying
+from addon.ui.shots import baking as shot_baking
+from addon.ui.shots import operators as shot_operators
 from addon.ui.solve import locks, operators, regions, results, scribble_tool, target
 from addon.viewport import compare as pairs
 from fake_live import FakeLive
@@ -34,6 +36,8 @@ from helpers import add_light, add_quad, row, update
 pytestmark = pytest.mark.oldest_and_newest
 
 PLAIN = (bool, int, float, str)
+KEPT = ("relume", "relume_mix", "relume_looks", "relume_solve", "relume_shots")
+"""Properties of a scene."""
 OF_THIS_SESSION = {"uid", "session", "thumbnail"}
 """Names that differ from run to run."""
 
@@ -183,7 +187,7 @@ def state(scene, folder):
     }
     return deepcopy(
         {
-            "scene": [plain(getattr(scene, name)) for name in ("relume", "relume_mix", "relume_looks", "relume_solve")],
+            "scene": [plain(getattr(scene, name)) for name in KEPT],
             "view": plain(scene.relume_view),
             "lights": lights,
             "selected": sorted(obj.name for obj in scene.objects if obj.select_get()),
@@ -199,7 +203,7 @@ def state(scene, folder):
             "devices": devices.names(),
             "target": target_pixels(scene),
             "workers": [(worker.command, worker.ending) for worker in FakeWorker.made],
-            "background": [(job.name, job.camera, job.options, job.error) for job in background.all_jobs()],
+            "background": [(job.name, job.wanted, job.options, job.error) for job in background.all_jobs()],
             "verified": verification(scene),
         }
     )
@@ -330,6 +334,24 @@ def group(scene):
     update()
 
 
+def listed(scene):
+    """Two cameras are in the list of shots."""
+    camera = bpy.data.objects.new("Close", bpy.data.cameras.new("Close"))
+    scene.collection.objects.link(camera)
+    update()
+    shot_operators.take(scene, shot_list.add_cameras(scene))
+
+
+def bound(scene):
+    """A marker has a camera."""
+    scene.timeline_markers.new("Beat", frame=7).camera = scene.camera
+
+
+def baking_all(scene):
+    listed(scene)
+    shot_baking.bake_all(scene)
+
+
 def nothing(_scene):
     pass
 
@@ -395,6 +417,17 @@ CASES = {
     "cancel_solve": (while_solving, lambda scene, _: solving.running(scene).cancel(), {}),
     "background_start": (nothing, lambda scene, _: background_ui.start(scene), {}),
     "background_cancel": (baking_beside, lambda _scene, _: background.all_jobs()[0].cancel(), {"number": 0}),
+    "add_cameras": (nothing, lambda scene, _: shot_operators.take(scene, shot_list.add_cameras(scene)), {}),
+    "add_from_markers": (bound, lambda scene, _: shot_operators.take(scene, shot_list.add_from_markers(scene)), {}),
+    "add_bake": (
+        nothing,
+        lambda scene, folder: shot_operators.take(scene, [shot_list.add_bake(scene, folder / "moved")]),
+        {"directory": "moved"},
+    ),
+    "remove_shot": (listed, lambda scene, _: shot_operators.remove(scene), {}),
+    "move_shot": (listed, lambda scene, _: shot_operators.move(scene, 1), {"direction": "DOWN"}),
+    "bake_all": (listed, lambda scene, _: shot_baking.bake_all(scene), {}),
+    "stop_baking": (baking_all, lambda scene, _: shot_baking.stop(scene), {}),
     "verify": (with_present_picture, lambda scene, _: verifying.start(scene), {}),
     "verify_cancel": (while_verifying, lambda scene, _: verify.close(scene.session_uid), {}),
     "verify_show": (verified, lambda scene, _: verifying.show(scene, "WIPE"), {"view": "WIPE"}),
@@ -422,7 +455,9 @@ def test_all_operators_are_compared(registered_for_all_files):
         "reset_row",
         "unfold_warnings",
         "set_up_compositing",
-    }  # test_start.py, test_mix.py, ...
+        "contact_sheet",
+        "save_sheet",
+    }  # test_start.py, test_mix.py, test_shot_baking.py, ...
     assert set(dir(bpy.ops.relume)) - compared == OF_THE_WINDOW
 
 

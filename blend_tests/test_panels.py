@@ -50,6 +50,7 @@ def draw_lists(scene):
         "RELUME_UL_rows": scene.relume_mix.rows,
         "RELUME_UL_looks": scene.relume_looks.items,
         "RELUME_UL_regions": solve.regions,
+        "RELUME_UL_shots": scene.relume_shots.items,
     }
     assert sorted(items) == [kind.__name__ for kind in all_of("UL")]
     for name, found in items.items():

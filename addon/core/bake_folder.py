@@ -26,13 +26,14 @@ SOLVE = "solve"
 """Folder in a bake's, for the few paths that a solver needs for a moment."""
 
 
-def default_folder(blend_file: str, scene: str, camera: str, cache: Path, unsaved: str) -> Path:
+def default_folder(blend_file: str, scene: str, shot: str, cache: Path, unsaved: str) -> Path:
     """Beside a saved .blend file, in `relume/`; in the cache folder for a file that was never saved, which `unsaved`
-    tells from others. The name of the file is a part of it: versions of a shot often lie in one folder."""
+    tells from others. The name of the file is a part of it: versions of a shot often lie in one folder. `shot` is the
+    name of the camera, or of a listed shot in folders."""
     if not blend_file:
-        return cache / _file_name(f"unsaved_{scene}_{camera}_{unsaved}")
+        return cache / file_name(f"unsaved_{scene}_{shot}_{unsaved}")
     file = Path(blend_file)
-    return file.parent / "relume" / _file_name(f"{file.stem}_{scene}_{camera}")
+    return file.parent / "relume" / file_name(f"{file.stem}_{scene}_{shot}")
 
 
 def is_bake(folder: Path) -> bool:
@@ -79,7 +80,7 @@ def world_map_of(folder: Path) -> str | None:
         return None
 
 
-def _file_name(text: str) -> str:
+def file_name(text: str) -> str:
     """Letters, digits and a few signs that every file system takes."""
     return re.sub(r"[^\w.-]+", "_", text).strip("._") or "shot"
 

@@ -20,6 +20,15 @@ FORWARDED = {
 }
 """Commands that need no scene: their arguments go to the native command line as they are."""
 
+NATIVE_LIST = "--shots"
+"""Option with which `relight` is the native command too: each bake of a list has its own scene."""
+
+
+def is_forwarded(arguments: list[str]) -> bool:
+    """True for a command line that needs no scene."""
+    command, *rest = arguments or [""]
+    return command in FORWARDED or (command == "relight" and any(word.split("=")[0] == NATIVE_LIST for word in rest))
+
 
 class UsageError(Exception):
     """The arguments are wrong; the message says which, in one line."""
@@ -72,8 +81,14 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_bake(commands: argparse._SubParsersAction) -> None:
     bake = commands.add_parser("bake", help="trace the paths of the open scene into a bake folder")
-    bake.add_argument("-o", "--out", required=True, metavar="FOLDER", help="bake folder to write")
+    bake.add_argument(
+        "-o", "--out", metavar="FOLDER", help="bake folder to write; with --shots the folder of their folders"
+    )
+    bake.add_argument(
+        "--shots", metavar="NAMES", help="shots of the scene's list: all, or names with commas between (A,B)"
+    )
     _add_view(bake)
+    bake.add_argument("--layer", metavar="NAME", help="view layer; default: the first one that Blender renders")
     _add_settings(bake)
     bake.add_argument("--resume", action="store_true", help="go on with an interrupted bake")
     bake.add_argument("--replace", action="store_true", help="remove a bake of another scene from the folder first")

@@ -97,8 +97,10 @@ def _remember_bakes() -> None:
     """Restores the locations of bakes, which must not go back with undo."""
     for scene in bpy.data.scenes:
         shot = shots.of(scene)
-        if shot is not None and shot.is_stored and remembered_bake(scene) != shot.folder:
-            remember_bake(scene, shot.folder)
+        if shot is None or not shot.is_stored:
+            continue
+        if remembered_bake(scene, shot.options.shot) != shot.folder:
+            remember_bake(scene, shot.folder, shot.options.shot)
 
 
 @persistent

@@ -18,14 +18,18 @@ from . import (
     timers,
     verify,
 )
+from .shots import operators as shot_operators
+from .shots import panel as shot_panel
+from .shots import settings as shot_settings
 from .solve import locks, regions, scribble_tool, target
 from .solve import operators as solve_operators
 from .solve import panel as solve_panel
 from .solve import settings as solve_settings
 
 MODULES = (
-    *(timers, preferences, settings, solve_settings, rows, looks, overlay, handlers),
-    *(start, main_panel, mixer, looks_panel, verify, background, farm, render_pass, render),
+    *(timers, preferences, settings, shot_settings, solve_settings, rows, looks, overlay, handlers),
+    *(start, main_panel, shot_operators, shot_panel, mixer, looks_panel, verify, background, farm),
+    *(render_pass, render),
     *(regions, target, locks, scribble_tool, solve_operators, solve_panel),
 )
 """Registered in this order, unregistered in reverse."""

@@ -9,10 +9,11 @@ import bpy
 
 from ..core.progress import share_and_words
 from ..engine.native import NativeModuleError
-from ..engine.shot import background, shot
+from ..engine.shot import background, shot, shot_list
 from ..engine.shot.checks import ProblemError, check_start
-from ..engine.shot.options import remember_bake
+from ..engine.shot.options import FolderError, remember_bake
 from ..engine.workers.process import NoCopyError
+from ..export.current_shot import current_entry, entries
 from ..viewport.views import redraw
 from .panel import RelumePanel, message
 from .start import open_bake
@@ -28,20 +29,27 @@ STAGES = {
 }
 
 
-def start(scene: bpy.types.Scene) -> background.BackgroundJob:
+def start(scene: bpy.types.Scene) -> background.BackgroundBake:
     """Bakes the scene as it is now. Raises ProblemError, BackgroundError or NoCopyError."""
     check_start(scene)
-    return run(scene)
+    job = background.start(scene)
+    poll()
+    return job
 
 
 def run(
-    scene: bpy.types.Scene, kind: Callable[[bpy.types.Scene], background.BackgroundJob] = background.BackgroundBake
+    scene: bpy.types.Scene, kind: Callable[[bpy.types.Scene], background.BackgroundJob]
 ) -> background.BackgroundJob:
-    """Starts a job and follows it. Raises BackgroundError or NoCopyError."""
-    job = background.start(scene, kind)
+    """Starts a job that is no bake, and follows it. Raises BackgroundError or NoCopyError."""
+    job = background.start_other(scene, kind)
+    poll()
+    return job
+
+
+def poll() -> None:
+    """Polls from now on until all jobs have ended, in a window."""
     if not bpy.app.background and not bpy.app.timers.is_registered(_timer):
         bpy.app.timers.register(_timer, first_interval=TICK_SECONDS, persistent=True)
-    return job
 
 
 def tick() -> bool:
@@ -51,19 +59,45 @@ def tick() -> bool:
             redraw("UI")
             if job.done and (bake := job.bake) is not None:
                 _open(job, bake)
-    return any(job.is_running for job in background.all_jobs())
+    for batch in background.all_batches():
+        if batch.poll():
+            redraw("UI")
+            if not batch.is_running:
+                write_list(batch)
+    return any(work.is_running for work in (*background.all_jobs(), *background.all_batches()))
+
+
+def write_list(batch: background.Batch) -> None:
+    """Writes the list of baked shots for other programs, where the scene is still open and has a list."""
+    for scene in bpy.data.scenes:
+        if scene.session_uid != batch.scene_uid or not entries(scene):
+            continue
+        try:
+            shot_list.write_file(scene)
+        except (OSError, FolderError) as error:
+            batch.failures[shot_list.LIST_FILE] = f"the list of shots could not be written: {error}"
 
 
 def _open(job: background.BackgroundJob, bake: Path) -> None:
     """Shows a finished bake in the file it came from, if that is still open and nothing else of the scene is shown."""
+    key = job.wanted.key if isinstance(job, background.BackgroundBake) else ""
     for scene in bpy.data.scenes:
-        if scene.session_uid != job.scene_uid or not _is_free(shot.of(scene), bake):
+        if scene.session_uid != job.scene_uid:
+            continue
+        if key:
+            remember_bake(scene, bake, key)
+        if not _is_free(shot.of(scene), bake) or (key and not _is_current(scene, key)):
             continue
         try:
             remember_bake(scene, bake)
             open_bake(scene)
         except (NativeModuleError, RuntimeError, ValueError, OSError) as error:
             job.error = f"it could not be opened: {error}"
+
+
+def _is_current(scene: bpy.types.Scene, key: str) -> bool:
+    entry = current_entry(scene)
+    return entry is not None and entry.key == key
 
 
 def _is_free(opened: shot.Shot | None, bake: Path) -> bool:
@@ -132,7 +166,7 @@ class RELUME_PT_background(RelumePanel, bpy.types.Panel):  # noqa: N801
             layout.operator("relume.background_start", icon="TIME")
         for number, job in enumerate(background.all_jobs()):
             if job.is_running:
-                layout.label(text=f"{job.name}, camera {job.camera}")
+                layout.label(text=job.title)
                 factor, text = progress(job)
                 row = layout.row(align=True)
                 row.progress(factor=factor, text=text)

@@ -91,7 +91,7 @@ class RELUME_PT_bake(RelumePanel, bpy.types.Panel):  # noqa: N801
 _disk = PolledCache(DISK_SECONDS)
 
 
-def _on_disk(read: Callable[[Key], Value], key: Key) -> Value | None:
+def on_disk(read: Callable[[Key], Value], key: Key) -> Value | None:
     """Value read from a disk; None until it is there, which redraws the panel."""
     value = _disk.get(read, key)
     if _disk.is_pending and not bpy.app.background and not bpy.app.timers.is_registered(_draw_disk_values):
@@ -108,7 +108,7 @@ def _draw_disk_values() -> float | None:
 
 def _draw_stored_bake(layout, scene) -> None:
     places = places_of_bake(scene)
-    problem = _on_disk(why_no_bake, places) if places else None
+    problem = on_disk(why_no_bake, places) if places else None
     if problem == "":
         layout.operator("relume.show_bake", icon="HIDE_OFF")
     elif problem:
@@ -124,7 +124,7 @@ def _draw_choices(layout, scene) -> None:
         column.prop(scene.relume, "samples")
     place = "Beside the file" if bpy.data.filepath else "In the cache folder"
     column.prop(scene.relume, "folder", text="Folder", placeholder=place)
-    words, is_enough = disk_space(scene, partial(_on_disk, free_space))
+    words, is_enough = disk_space(scene, partial(on_disk, free_space))
     message(layout, words, "NONE" if is_enough else "ERROR")
 
 

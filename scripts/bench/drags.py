@@ -1,8 +1,8 @@
 """Error of the pictures that are drawn while a light is dragged, against the settled picture of the same place.
 
-In a Python that has `bpy` and `relume`. One JSON line on standard output for each light and method: mean PSNR (Reinhard)
-and milliseconds of the first picture after each of a few moves. `--lamps` adds as many lamps to the shot, in the room
-between the camera and what it looks at.
+In a Python that has `bpy` and `relume`. One JSON line on standard output for each light and method: mean PSNR
+(Reinhard) and milliseconds of the first picture after each of a few moves. `--lamps` adds as many lamps to the shot, in
+the room between the camera and what it looks at.
 """
 
 import argparse

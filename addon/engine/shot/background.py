@@ -11,8 +11,9 @@ from typing import Any
 import bpy
 
 from ...core import bake_goal
+from ...core.shots import ListedShot
 from ..workers.process import SavedCopy, Worker, blender_command
-from . import shot
+from . import shot, shot_list
 from .options import Options, options_of
 
 LIGHTS_FILE = "lights.json"
@@ -29,11 +30,12 @@ class BackgroundError(Exception):
 class BackgroundJob:
     """Commands that other Blenders run one after the other for a scene."""
 
-    def __init__(self, scene: bpy.types.Scene, folder: Path, steps: list[list[str]], is_of_file: bool):
-        """`steps` are the words of each command that writes into `folder`. The first one reads the open file as it is
-        now, if `is_of_file`."""
-        self.scene_uid, self.name = scene.session_uid, scene.name
-        self.camera = scene.camera.name if scene.camera else ""
+    def __init__(
+        self, scene_uid: int, scene_name: str, folder: Path, steps: list[list[str]], copy: SavedCopy | None = None
+    ):
+        """`steps` are the words of each command that writes into `folder`. The first one reads `copy`, the file as it
+        was; whoever made that removes it."""
+        self.scene_uid, self.name = scene_uid, scene_name
         self.folder = folder
         self.stage: dict[str, Any] = {"stage": "prepare", "done": 0, "total": 1, "remaining_s": None, "message": ""}
         self.warnings: list[str] = []
@@ -42,18 +44,18 @@ class BackgroundJob:
         self.error = ""
         self.done = False
         self._stopped = False
-        self._copy: SavedCopy | None = SavedCopy(scene) if is_of_file else None
-        self._steps = steps
-        try:
-            self._start_next()
-        except OSError:
-            self._remove_copy()
-            raise
+        self._copy, self._steps = copy, steps
+        self._start_next()
 
     @property
     def is_running(self) -> bool:
         """True until the job has ended."""
         return not (self.done or self.error)
+
+    @property
+    def title(self) -> str:
+        """Name for the artist."""
+        return self.name
 
     @property
     def bake(self) -> Path | None:
@@ -93,8 +95,6 @@ class BackgroundJob:
                 self._go_on()
             except (OSError, ValueError, KeyError) as error:
                 self.error = f"it could not go on: {error}"
-        if not self.is_running:
-            self._remove_copy()
 
     def _go_on(self) -> None:
         """Starts what follows a step that went well; there may be nothing."""
@@ -106,6 +106,7 @@ class BackgroundJob:
     def _start_next(self) -> None:
         arguments = self._steps.pop(0)
         command = blender_command(self._copy.blend if self._copy else None, arguments)
+        self._copy = None
         self._worker = Worker(command, self.folder)
 
     def cancel(self) -> None:
@@ -120,23 +121,21 @@ class BackgroundJob:
         self._worker.kill()
         self._worker.events()
         self.error = self.error or STOPPED
-        self._remove_copy()
-
-    def _remove_copy(self) -> None:
-        if self._copy is not None:
-            self._copy.remove()
-            self._copy = None
 
 
 class BackgroundBake(BackgroundJob):
-    """A bake: tracing first, then a training for each type of light."""
+    """The bake of one shot: tracing first, then a training for each type of light."""
 
-    def __init__(self, scene: bpy.types.Scene):
-        found = shot.of(scene)
-        if found is not None and found.is_working:
-            raise BackgroundError("this shot is being traced already; cancel that first")
-        self.options: Options = options_of(scene)
-        super().__init__(scene, self.options.folder, [self._bake_arguments(scene)], is_of_file=True)
+    def __init__(self, scene_uid: int, scene_name: str, wanted: ListedShot, options: Options, copy: SavedCopy):
+        self.options, self.wanted, self._is_traced = options, wanted, False
+        super().__init__(scene_uid, scene_name, options.folder, [self._bake_arguments(scene_name)], copy)
+
+    @property
+    def title(self) -> str:
+        """Name for the artist."""
+        if self.wanted.key:
+            return f"{self.name}, shot {self.wanted.name}"
+        return f"{self.name}, camera {self.wanted.camera}"
 
     @property
     def bake(self) -> Path | None:
@@ -149,19 +148,19 @@ class BackgroundBake(BackgroundJob):
         return f"The background bake is ready in '{self.folder}'"
 
     def _go_on(self) -> None:
-        if self._copy is not None:  # It was the bake.
-            self._remove_copy()
+        if not self._is_traced:
+            self._is_traced = True
             self._steps += [self._train_arguments(kind) for kind in self._kinds()]
             bake_goal.BakeGoal(self.options.samples, self.options.train_seconds).write(self.folder)
         if not self._steps:
             bake_goal.forget(self.folder)
         super()._go_on()
 
-    def _bake_arguments(self, scene: bpy.types.Scene) -> list[str]:
+    def _bake_arguments(self, scene_name: str) -> list[str]:
         options = self.options
-        command = ["bake", "--out", str(options.folder), "--scene", scene.name, "--camera", scene.camera.name]
         return [
-            *command,
+            *("bake", "--out", str(options.folder), "--scene", scene_name),
+            *shot_list.arguments(self.wanted),
             "--samples",
             str(options.samples),
             "--resume",
@@ -186,16 +185,128 @@ class BackgroundBake(BackgroundJob):
         return [kind for shape, kind in KINDS.items() if shape in shapes]
 
 
+class Batch:
+    """Shots of a scene as it is now, baked one after the other. One that fails keeps no other from being baked."""
+
+    def __init__(self, scene: bpy.types.Scene, wanted: list[tuple[ListedShot, Options]]):
+        self.scene_uid, self.name = scene.session_uid, scene.name
+        self.waiting, self.count = wanted, len(wanted)
+        self.baked: list[str] = []
+        """Names of the shots that are done."""
+        self.failures: dict[str, str] = {}
+        """What went wrong, by the names of the shots."""
+        self.job: BackgroundBake | None = None
+        self._copy: SavedCopy | None = SavedCopy(scene)
+
+    @property
+    def is_running(self) -> bool:
+        """True until all shots have had their turn."""
+        return self._copy is not None
+
+    def poll(self) -> bool:
+        """Goes on to the next shot where one has ended; returns True if it did. The jobs themselves are polled by
+        whoever polls all of them."""
+        if not self.is_running or (self.job is not None and self.job.is_running):
+            return False
+        if self.job is not None:
+            self._note(self.job)
+        self.job = None
+        while self.waiting and self.job is None:
+            shot, options = self.waiting.pop(0)
+            try:
+                self.job = _begin(self, shot, options)
+            except OSError as error:
+                self.failures[shot.name] = str(error)
+        if self.job is None:
+            self._end()
+        return True
+
+    @property
+    def folders(self) -> set[Path]:
+        """Folders that are written to, or will be."""
+        present = {self.job.folder} if self.job is not None and self.job.is_running else set()
+        return present | {options.folder for _, options in self.waiting}
+
+    def copy(self) -> SavedCopy:
+        """The file as it was when the batch began."""
+        assert self._copy is not None
+        return self._copy
+
+    def _note(self, job: BackgroundBake) -> None:
+        if job.error:
+            self.failures[job.wanted.name] = job.error
+        else:
+            self.baked.append(job.wanted.name)
+
+    def cancel(self) -> None:
+        """Asks the present shot to stop and leaves the others out."""
+        self.failures |= {shot.name: STOPPED for shot, _ in self.waiting}
+        self.waiting.clear()
+        if self.job is not None and self.job.is_running:
+            self.job.cancel()
+
+    def close(self) -> None:
+        """Ends it at once."""
+        self.waiting.clear()
+        if self.job is not None and self.job.is_running:
+            self.job.close()
+        self._end()
+
+    def _end(self) -> None:
+        if self._copy is not None:
+            self._copy.remove()
+            self._copy = None
+
+
 _jobs: list[BackgroundJob] = []
+_batches: list[Batch] = []
 
 
-def start(scene: bpy.types.Scene, kind: Callable[[bpy.types.Scene], BackgroundJob] = BackgroundBake) -> BackgroundJob:
-    """Starts a job for a scene that can be baked (`checks.check_start`). It replaces the scene's last one, if that has
-    ended."""
+def _begin(batch: Batch, wanted: ListedShot, options: Options) -> BackgroundBake:
+    """Starts the job of one shot; it replaces the last one of its scene, if that has ended."""
+    _forget_jobs(batch.scene_uid)
+    job = BackgroundBake(batch.scene_uid, batch.name, wanted, options, batch.copy())
+    _jobs.append(job)
+    return job
+
+
+def start(scene: bpy.types.Scene) -> BackgroundBake:
+    """Starts a job for the current shot of a scene that can be baked (`checks.check_start`). It replaces the scene's
+    last one, if that has ended."""
+    found = shot.of(scene)
+    if found is not None and found.is_working:
+        raise BackgroundError("this shot is being traced already; cancel that first")
+    batch = start_all(scene, [(shot_list.current(scene), options_of(scene))])
+    if batch.job is None:
+        raise OSError("; ".join(batch.failures.values()))
+    return batch.job
+
+
+def start_all(scene: bpy.types.Scene, wanted: list[tuple[ListedShot, Options]]) -> Batch:
+    """Starts a batch of shots that can be baked. Raises NoCopyError."""
+    forget(scene)
+    batch = Batch(scene, wanted)
+    _batches.append(batch)
+    batch.poll()
+    return batch
+
+
+def start_other(scene: bpy.types.Scene, kind: Callable[[bpy.types.Scene], BackgroundJob]) -> BackgroundJob:
+    """Starts a job that is no bake. It replaces the scene's last one, if that has ended."""
     forget(scene)
     job = kind(scene)
     _jobs.append(job)
     return job
+
+
+def batch_of(scene: bpy.types.Scene) -> Batch | None:
+    """The newest batch of a scene."""
+    return next((batch for batch in reversed(_batches) if batch.scene_uid == scene.session_uid), None)
+
+
+def all_batches() -> list[Batch]:
+    """All batches, also those of files that are not open any more."""
+    return list(_batches)
 
 
 def of(scene: bpy.types.Scene) -> BackgroundJob | None:
@@ -209,13 +320,22 @@ def all_jobs() -> list[BackgroundJob]:
 
 
 def forget(scene: bpy.types.Scene) -> None:
-    """Forgets a scene's job that has ended."""
-    _jobs[:] = [job for job in _jobs if job.is_running or job.scene_uid != scene.session_uid]
+    """Forgets what has ended of a scene."""
+    uid = scene.session_uid
+    _forget_jobs(uid)
+    _batches[:] = [batch for batch in _batches if batch.is_running or batch.scene_uid != uid]
+
+
+def _forget_jobs(scene_uid: int) -> None:
+    _jobs[:] = [job for job in _jobs if job.is_running or job.scene_uid != scene_uid]
 
 
 def close_all() -> None:
     """Ends and forgets all jobs."""
+    for batch in _batches:
+        batch.close()
     for job in _jobs:
         if job.is_running:
             job.close()
+    _batches.clear()
     _jobs.clear()

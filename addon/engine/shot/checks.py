@@ -11,7 +11,8 @@ import bpy
 
 from ...core.disk import expected_size, in_words
 from ...export.camera import PLANAR, film_size, why_no_picture
-from . import background, cache
+from ...export.current_shot import current_entry
+from . import background, cache, shot_list
 from . import shot as shots
 from .options import FolderError, bake_folder, options_of
 
@@ -36,6 +37,9 @@ def check_start(scene: bpy.types.Scene, folder: Path | None = None) -> None:
         folder = folder or bake_folder(scene)
     except FolderError as error:
         raise ProblemError(str(error)) from error
+    entry = current_entry(scene)
+    if entry is not None and (problem := shot_list.problems(scene).get(entry.key)):
+        raise ProblemError(f"Shot '{entry.name}': {problem}")
     use = folders_in_use(scene).get(folder)
     if use is not None:
         raise ProblemError(use)
@@ -48,6 +52,7 @@ def folders_in_use(scene: bpy.types.Scene | None = None) -> dict[Path, str]:
     uid = scene.session_uid if scene is not None else None
     shown = {shot.folder for shot in shots.all_open() if shot.scene_uid != uid}
     written = {job.folder for job in background.all_jobs() if job.is_running}
+    written |= {folder for batch in background.all_batches() for folder in batch.folders}
     return {
         **{
             folder: f"Another scene of this file is baked in '{folder}'; choose another bake folder" for folder in shown
@@ -64,7 +69,7 @@ def disk_space(scene: bpy.types.Scene, free_on: Callable[[Path], int | None]) ->
         options = options_of(scene)
     except FolderError as error:
         return str(error), False
-    size = expected_size(film_size(scene.render), options.samples)
+    size = expected_size(options.resolution or film_size(scene.render), options.samples)
     words = f"About {in_words(size)} on disk"
     free = free_on(options.folder)
     return (words, True) if free is None or size < free else (f"{words}, but only {in_words(free)} free", False)

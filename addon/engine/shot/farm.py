@@ -7,7 +7,8 @@ from pathlib import Path
 
 import bpy
 
-from .background import BackgroundError, BackgroundJob, of
+from ..workers.process import SavedCopy
+from .background import BackgroundError, BackgroundJob, batch_of, of
 from .options import bake_folder, options_of
 
 FARMS = {
@@ -36,7 +37,24 @@ class FarmWriting(BackgroundJob):
         words = ["farm", "--out", str(folder), "--scene", scene.name, "--samples", str(options_of(scene).samples)]
         words += ["--parts", str(settings.farm_parts), "--emit", settings.farm_kind, "--json"]
         frames = settings.farm_frames.strip() or str(scene.frame_current)
-        super().__init__(scene, folder, [[*words, "--frames", frames]], is_of_file=True)
+        self._file = SavedCopy(scene)
+        try:
+            super().__init__(scene.session_uid, scene.name, folder, [[*words, "--frames", frames]], self._file)
+        except OSError:
+            self._file.remove()
+            raise
+
+    def poll(self) -> bool:
+        """See `BackgroundJob`."""
+        has_news = super().poll()
+        if not self.is_running:
+            self._file.remove()
+        return has_news
+
+    def close(self) -> None:
+        """See `BackgroundJob`."""
+        super().close()
+        self._file.remove()
 
     @property
     def done_words(self) -> str:
@@ -53,7 +71,7 @@ class FarmCollecting(BackgroundJob):
         if not (folder / PLAN).exists():
             raise BackgroundError(f"there is no job in '{folder}'; write it first")
         self._frame = scene.frame_current
-        super().__init__(scene, folder, [["collect", str(folder), "--json"]], is_of_file=False)
+        super().__init__(scene.session_uid, scene.name, folder, [["collect", str(folder), "--json"]])
 
     @property
     def bake(self) -> Path | None:
@@ -74,6 +92,6 @@ def frame_name(frame: int) -> str:
 
 
 def _check_free(scene: bpy.types.Scene) -> None:
-    job = of(scene)
-    if job is not None and job.is_running:
+    others = (of(scene), batch_of(scene))
+    if any(job is not None and job.is_running for job in others):
         raise BackgroundError("another job of this scene runs in the background; wait for its end, or stop it there")

@@ -142,7 +142,9 @@ class Shot:
         settings |= {"samples": self.options.samples, "threads": self.options.threads}
         self._read_world = fingerprints.world(scene)["shape"]
         self._task = load_scene_async(
-            scene, ExportOptions(), lambda exported, error: self._exported(exported, error, settings)
+            scene,
+            ExportOptions(resolution=self.options.resolution),
+            lambda exported, error: self._exported(exported, error, settings),
         )
 
     def _exported(self, exported: Any, error: BaseException | None, settings: dict[str, Any]) -> None:
@@ -166,7 +168,7 @@ class Shot:
         # Until now the bake in the folder was the one before.
         record.forget(self.folder)
         if scene := self._scene():
-            remember_bake(scene, self.folder)
+            remember_bake(scene, self.folder, self.options.shot)
         self._remaining.note_bake()
         self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
         self._enter(ShotPhase.PREPARING)

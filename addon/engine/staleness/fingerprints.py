@@ -19,6 +19,7 @@ from ...core.diff import Fingerprint
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
 from ...export.culling import SWITCHES, culling_settings
+from ...export.current_shot import current_size
 from ...export.curves import hides_hair, strand_shape
 from ...export.dicing import dicing_camera, dicing_settings
 from ...export.images import frame_of, path_of, tile_path
@@ -389,7 +390,7 @@ def _camera_fingerprint(scene: bpy.types.Scene, camera: bpy.types.Object) -> Fin
 
 
 def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Fingerprint:
-    width, height = size or film_size(scene.render)
+    width, height = size or current_size(scene) or film_size(scene.render)
     return {"size": f"{width} x {height}"}
 
 

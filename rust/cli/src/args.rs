@@ -231,12 +231,24 @@ fn three() -> String {
 /// Output of pictures.
 #[derive(Args, Debug)]
 pub struct PictureArgs {
+    /// Bake folder; `relight` also takes a folder of proxies.
+    #[arg(required_unless_present = "shots")]
+    pub bake: Option<PathBuf>,
+    /// List of shots (JSON) in place of a bake folder; `{shot}` in --out stands for the name of each.
+    #[arg(long, value_name = "FILE", conflicts_with = "bake")]
+    pub shots: Option<PathBuf>,
+    /// Contact sheet of all shots to write, PNG.
+    #[arg(long, value_name = "FILE", requires = "shots", conflicts_with = "bake")]
+    pub sheet: Option<PathBuf>,
     /// Multi-layer EXR to write; the PNG goes beside it.
-    #[arg(long, short)]
-    pub out: PathBuf,
+    #[arg(long, short, required_unless_present = "sheet")]
+    pub out: Option<PathBuf>,
     /// Light set (JSON); default is the lights that the scene came with.
     #[arg(long)]
     pub lights: Option<PathBuf>,
+    /// Lights and factors on them, on the world and on emissive surfaces (JSON), as Blender's panel asks for a picture.
+    #[arg(long, value_name = "FILE", conflicts_with = "lights")]
+    pub request: Option<PathBuf>,
     /// Radiance `r,g,b` of another world than the baked one, or factor on --environment.
     #[arg(long)]
     pub world: Option<Triple>,
@@ -262,16 +274,12 @@ pub struct PictureArgs {
 
 #[derive(Args, Debug)]
 pub struct GatherArgs {
-    /// Bake folder.
-    pub bake: PathBuf,
     #[command(flatten)]
     pub picture: PictureArgs,
 }
 
 #[derive(Args, Debug)]
 pub struct RelightArgs {
-    /// Bake folder, or a folder of proxies.
-    pub bake: PathBuf,
     /// Source of each light's picture.
     #[arg(long = "with", value_name = "WITH", value_enum, default_value = "auto")]
     pub method: MethodArg,
@@ -391,8 +399,12 @@ pub enum PlacementArg {
 #[derive(Args, Debug)]
 pub struct OptimiseArgs {
     /// Bake folders, or folders of proxies: one for each view of the scene.
-    #[arg(required = true)]
+    #[arg(required_unless_present = "shots")]
     pub bakes: Vec<PathBuf>,
+    /// List of shots (JSON) in place of folders. Goals name theirs, as "shot"; those that none names are left out.
+    /// `{shot}` in --target stands for the name of each.
+    #[arg(long, value_name = "FILE", conflicts_with = "bakes")]
+    pub shots: Option<PathBuf>,
     /// Request (JSON): lights, free parameters, goals; pictures by paths relative to it. Without lights in it, those of
     /// the bake.
     #[arg(long, conflicts_with_all = ["target", "lights", "count"], required_unless_present = "target")]

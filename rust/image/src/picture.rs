@@ -22,7 +22,12 @@ pub fn write_png(
     view: &ViewTransform,
     depth: BitDepth,
 ) -> Result<(), ImageError> {
-    let color = match image.channels {
+    write_shown(path, &view.apply_image(image), depth)
+}
+
+/// Writes display colour, 0..1, of 1, 3 or 4 channels as PNG, atomically.
+pub fn write_shown(path: &Path, shown: &Image, depth: BitDepth) -> Result<(), ImageError> {
+    let color = match shown.channels {
         1 => png::ColorType::Grayscale,
         3 => png::ColorType::Rgb,
         4 => png::ColorType::Rgba,
@@ -31,14 +36,13 @@ pub fn write_png(
             return Err(ImageError::Format { path: path.to_path_buf(), reason });
         }
     };
-    let shown = view.apply_image(image);
     let max = if depth == BitDepth::Eight { 255.0 } else { 65535.0 };
     let steps = shown.data.iter().map(|v| (v.clamp(0.0, 1.0) * max).round());
     let bytes: Vec<u8> = match depth {
         BitDepth::Eight => steps.map(|v| v as u8).collect(),
         BitDepth::Sixteen => steps.flat_map(|v| (v as u16).to_be_bytes()).collect(),
     };
-    write_atomically(path, |writer| encode(writer, image, color, depth, &bytes).map_err(io_error))
+    write_atomically(path, |writer| encode(writer, shown, color, depth, &bytes).map_err(io_error))
 }
 
 fn encode(

@@ -36,6 +36,14 @@ pub enum SessionError {
         /// Fault.
         reason: String,
     },
+    /// A list of shots cannot be used.
+    #[error("list of shots {}: {reason}", path.display())]
+    Shots {
+        /// The file.
+        path: PathBuf,
+        /// Fault.
+        reason: String,
+    },
     /// A setting cannot be used.
     #[error("{0}")]
     Settings(String),

@@ -58,6 +58,7 @@ pub use files::names::{
 pub use files::obj_scene::{ObjView, obj_scene};
 pub use files::proxies::{MeanQuality, Measured, Proxies, TrainedProxy};
 pub use files::scene_file::{SceneFile, write_scene};
+pub use files::shot_list::{ListedShot, ShotList};
 pub use files::validate::validate;
 pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
 pub use relight::denoise::Denoise;

@@ -7,6 +7,7 @@ mod inspect;
 mod optimise;
 mod out_file;
 mod relight;
+mod shot_pictures;
 mod trace;
 mod train;
 

@@ -1,8 +1,8 @@
 use super::CommandContext;
-use super::out_file::check_out;
+use super::out_file::{SHOT, check_out};
 use crate::args::OptimiseArgs;
 use anyhow::Context as _;
-use relume_session::{Answer, LightSet, Pictures, Relighter, SolveRequest, Solved, solve_lights};
+use relume_session::{Answer, LightSet, Pictures, Relighter, ShotList, SolveRequest, Solved, solve_lights};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -10,11 +10,12 @@ use std::path::{Path, PathBuf};
 pub fn optimise(args: &OptimiseArgs, context: &CommandContext) -> anyhow::Result<()> {
     check_out(&args.out, "json", "lights are written as JSON")?;
     let compute = context.compute()?;
+    let views = Views::of(args)?;
     let open = |folder: &PathBuf| context.relighter(folder, &compute);
-    let relighters = args.bakes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
-    let (mut request, folder) = match (&args.request, &args.target) {
-        (Some(path), _) => (read_request(path, &relighters[0])?, path.parent().unwrap_or(Path::new(""))),
-        (None, target) => (short_request(args, target.as_deref(), context)?, Path::new("")),
+    let relighters = views.bakes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
+    let (mut request, folder) = match &args.request {
+        Some(path) => (read_request(path, &views, &relighters[0])?, path.parent().unwrap_or(Path::new(""))),
+        None => (short_request(args, &views, context)?, Path::new("")),
     };
     if let Some(path) = &args.from {
         let LightSet { lights, .. } = LightSet::read(path)?;
@@ -34,11 +35,70 @@ pub fn optimise(args: &OptimiseArgs, context: &CommandContext) -> anyhow::Result
     Ok(())
 }
 
-/// A request without lights is about those that the bake's scene came with.
-fn read_request(path: &Path, relighter: &Relighter) -> anyhow::Result<SolveRequest> {
+/// The bakes of a solve, in the order of its views, and the names of the shots where they come from a list.
+struct Views {
+    bakes: Vec<PathBuf>,
+    /// Name, and name in files.
+    shots: Vec<(String, String)>,
+}
+
+impl Views {
+    /// The folders that are named, or the shots of a list. Where goals name shots, the others are left out.
+    fn of(args: &OptimiseArgs) -> anyhow::Result<Self> {
+        let Some(path) = &args.shots else {
+            return Ok(Self { bakes: args.bakes.clone(), shots: Vec::new() });
+        };
+        let list = ShotList::read(path)?;
+        let named = match &args.request {
+            Some(path) => shots_of_goals(&json_file(path)?),
+            None => Vec::new(),
+        };
+        let is_listed = |name: &&String| list.shots.iter().any(|shot| shot.name == **name);
+        if let Some(unknown) = named.iter().find(|name| !is_listed(name)) {
+            anyhow::bail!("{} has no shot '{unknown}', which a goal names", path.display());
+        }
+        let files = list.file_names();
+        let wanted = list.shots.iter().zip(files);
+        let wanted = wanted.filter(|(shot, _)| named.is_empty() || named.contains(&shot.name));
+        let (bakes, shots) =
+            wanted.map(|(shot, file)| (shot.bake.clone(), (shot.name.clone(), file))).unzip();
+        Ok(Self { bakes, shots })
+    }
+
+    /// Replaces the "shot" of each goal by the number of its view.
+    fn number(&self, goals: &mut Value) -> Result<(), String> {
+        for (number, goal) in goals.as_array_mut().into_iter().flatten().enumerate() {
+            let Some(fields) = goal.as_object_mut() else { continue };
+            let Some(shot) = fields.remove("shot") else { continue };
+            let view = self.shots.iter().position(|(name, _)| shot == name.as_str());
+            let view = view.ok_or_else(|| match self.shots.is_empty() {
+                true => format!("goal {}: it names shot {shot}; give the list with --shots", number + 1),
+                false => format!("goal {}: the list has no shot {shot}", number + 1),
+            })?;
+            if fields.insert("view".into(), json!(view)).is_some() {
+                return Err(format!("goal {}: it names both a shot and a view", number + 1));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Names of the shots that goals are about.
+fn shots_of_goals(request: &Value) -> Vec<String> {
+    let goals = request["goals"].as_array().into_iter().flatten();
+    goals.filter_map(|goal| goal["shot"].as_str().map(str::to_owned)).collect()
+}
+
+fn json_file(path: &Path) -> anyhow::Result<Value> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let parse = || -> Result<SolveRequest, String> {
-        let mut value: Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    serde_json::from_str(&text).map_err(|error| anyhow::anyhow!("request {}: {error}", path.display()))
+}
+
+/// A request without lights is about those that the bake's scene came with.
+fn read_request(path: &Path, views: &Views, relighter: &Relighter) -> anyhow::Result<SolveRequest> {
+    let mut value = json_file(path)?;
+    let mut parse = || -> Result<SolveRequest, String> {
+        value.get_mut("goals").map_or(Ok(()), |goals| views.number(goals))?;
         if let Some(fields) = value.as_object_mut().filter(|fields| !fields.contains_key("lights")) {
             let lights = relighter.scene_lights().map_err(|error| error.to_string())?;
             fields.insert("lights".into(), json!(lights));
@@ -51,7 +111,7 @@ fn read_request(path: &Path, relighter: &Relighter) -> anyhow::Result<SolveReque
 /// A target picture, and either lights to start from or a number of new ones.
 fn short_request(
     args: &OptimiseArgs,
-    target: Option<&Path>,
+    views: &Views,
     context: &CommandContext,
 ) -> anyhow::Result<SolveRequest> {
     let lights = args.lights.as_deref().map(LightSet::read).transpose()?;
@@ -68,7 +128,7 @@ fn short_request(
         "world": [1, 1, 1],
         "free": names.collect::<serde_json::Map<_, _>>(),
         "add": {"count": if lights.is_some() { 0 } else { args.count }},
-        "goals": [{"goal": "target", "image": target}],
+        "goals": targets(args.target.as_deref(), views),
         "starts": args.starts,
         "steps": args.iterations,
         "pixel_fraction": args.pixel_fraction,
@@ -76,6 +136,19 @@ fn short_request(
         "seed": context.seed(),
     });
     SolveRequest::parse(&request.to_string()).map_err(|reason| anyhow::anyhow!(reason))
+}
+
+/// A goal for each shot where `{shot}` stands for its name, else for the first view alone.
+fn targets(target: Option<&Path>, views: &Views) -> Value {
+    let pattern = target.map(|path| path.to_string_lossy().into_owned()).unwrap_or_default();
+    if !pattern.contains(SHOT) {
+        return json!([{"goal": "target", "image": target}]);
+    }
+    let goal = |(view, (_, file)): (usize, &(String, String))| {
+        let image = pattern.replace(SHOT, file);
+        json!({"goal": "target", "image": image, "view": view})
+    };
+    views.shots.iter().enumerate().map(goal).collect()
 }
 
 fn text(args: &OptimiseArgs, solved: &Solved, world: [f32; 3]) -> String {

@@ -1,6 +1,9 @@
 use anyhow::bail;
 use std::path::Path;
 
+/// Stands for the name of a shot in the names of files.
+pub const SHOT: &str = "{shot}";
+
 /// Refuses, before the work, a file of another format than this command writes, or in no folder. `what` is a sentence
 /// such as "pictures are written as a multi-layer EXR".
 pub fn check_out(path: &Path, extension: &str, what: &str) -> anyhow::Result<()> {

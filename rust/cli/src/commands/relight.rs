@@ -1,32 +1,38 @@
 use super::CommandContext;
 use super::out_file::check_out;
+use super::shot_pictures::relight_shots;
 use crate::args::{self, GatherArgs, PictureArgs, RelightArgs};
-use relume_session::image::{BitDepth, Precision, ViewTransform};
+use anyhow::Context as _;
+use relume_session::image::{BitDepth, Image, Precision, ViewTransform};
+use relume_session::live::{LiveRequest, RequestOptions};
 use relume_session::scene::World;
 use relume_session::{
-    LightSet, Method, RelightOptions, Relighter, SceneFile, Stage, UnitSource, environment_texture,
+    Compute, LightSet, Method, RelightOptions, Relighter, Relit, RelitLight, SceneFile, Stage, UnitSource,
+    environment_texture,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Files of a picture.
 #[derive(Serialize)]
-struct Written {
-    exr: PathBuf,
-    png: PathBuf,
-    lights: Vec<WrittenLight>,
+pub struct Written {
+    pub exr: PathBuf,
+    pub png: PathBuf,
+    pub lights: Vec<WrittenLight>,
 }
 
+/// A light's layer.
 #[derive(Serialize)]
-struct WrittenLight {
-    name: String,
+pub struct WrittenLight {
+    pub name: String,
     #[serde(rename = "maker")]
-    source: UnitSource,
+    pub source: UnitSource,
 }
 
 /// Sums lights over a bake, without a proxy.
 pub fn gather(args: &GatherArgs, context: &CommandContext) -> anyhow::Result<()> {
-    write_picture(&args.bake, Method::Gather, &args.picture, context)
+    write_pictures(Method::Gather, &args.picture, context)
 }
 
 /// Relights a bake or proxies.
@@ -36,53 +42,84 @@ pub fn relight(args: &RelightArgs, context: &CommandContext) -> anyhow::Result<(
         args::MethodArg::Gather => Method::Gather,
         args::MethodArg::Proxy => Method::Proxy,
     };
-    write_picture(&args.bake, method, &args.picture, context)
+    write_pictures(method, &args.picture, context)
 }
 
-fn write_picture(
-    bake: &Path,
-    method: Method,
-    args: &PictureArgs,
-    context: &CommandContext,
-) -> anyhow::Result<()> {
-    check_out(&args.out, "exr", "pictures are written as a multi-layer EXR, with a PNG beside it")?;
-    let mut relighter = context.relighter(bake, &context.compute()?)?;
-    warn_if_unfinished(&relighter, context);
-    change_world(&mut relighter, args, context)?;
-    match &args.scene {
-        Some(path) => relighter.connect(Arc::new(SceneFile::read(path)?.scene))?,
-        None => relighter.connect_stored(context.monitor),
-    }
-    let view = match &args.view {
-        Some(path) => ViewTransform::read_lut(path)?,
-        None => relighter.view(context.monitor),
+fn write_pictures(method: Method, args: &PictureArgs, context: &CommandContext) -> anyhow::Result<()> {
+    let (bake, out) = match (&args.shots, &args.bake, &args.out) {
+        (Some(list), ..) => return relight_shots(list, method, args, context),
+        (None, Some(bake), Some(out)) => (bake, out),
+        _ => anyhow::bail!("name a bake folder and --out, or a list of --shots"),
     };
-    let set = light_set(args.lights.as_deref(), &relighter, context)?;
-    let options = RelightOptions { method, denoise: !args.no_denoise };
-    let relit = relighter.relight(&set.lights, &options, context.monitor)?;
-
-    let png = args.out.with_extension("png");
-    let stage = context.monitor.stage(Stage::Write, 0, 2);
-    relit.write_exr(&args.out, if args.float { Precision::Float } else { Precision::Half })?;
-    stage.advance(1, "");
-    relit.write_png(&png, &view, if args.sixteen_bit { BitDepth::Sixteen } else { BitDepth::Eight })?;
-    stage.advance(1, "");
-
-    let lights: Vec<WrittenLight> = relit
-        .lights
-        .iter()
-        .map(|light| WrittenLight { name: light.name.clone(), source: light.source })
-        .collect();
-    let by_proxy = lights.iter().filter(|light| light.source == UnitSource::Proxy).count();
-    let text = format!(
-        "{} and {}: {} lights, {} of them by proxy",
-        args.out.display(),
-        png.display(),
-        lights.len(),
-        by_proxy
-    );
-    context.console.result(&text, &Written { exr: args.out.clone(), png, lights });
+    check_picture(out)?;
+    let picture = Picture::relit(bake, method, args, &context.compute()?, context)?;
+    let written = picture.write(out, args, context)?;
+    let by_proxy = written.lights.iter().filter(|light| light.source == UnitSource::Proxy).count();
+    let (exr, png) = (written.exr.display(), written.png.display());
+    let text = format!("{exr} and {png}: {} lights, {by_proxy} of them by proxy", written.lights.len());
+    context.console.result(&text, &written);
     Ok(())
+}
+
+/// Refuses, before the work, a file that no picture is written to.
+pub fn check_picture(out: &Path) -> anyhow::Result<()> {
+    check_out(out, "exr", "pictures are written as a multi-layer EXR, with a PNG beside it")
+}
+
+/// A relit picture, and how it is shown.
+pub struct Picture {
+    pub relit: Relit,
+    pub view: ViewTransform,
+}
+
+impl Picture {
+    /// Relights one bake.
+    pub fn relit(
+        bake: &Path,
+        method: Method,
+        args: &PictureArgs,
+        compute: &Compute,
+        context: &CommandContext,
+    ) -> anyhow::Result<Self> {
+        let mut relighter = context.relighter(bake, compute)?;
+        warn_if_unfinished(&relighter, context);
+        change_world(&mut relighter, args, context)?;
+        match &args.scene {
+            Some(path) => relighter.connect(Arc::new(SceneFile::read(path)?.scene))?,
+            None => relighter.connect_stored(context.monitor),
+        }
+        let view = match &args.view {
+            Some(path) => ViewTransform::read_lut(path)?,
+            None => relighter.view(context.monitor),
+        };
+        let wanted = wanted(args, &relighter, context)?;
+        let options = RelightOptions { method, denoise: !args.no_denoise };
+        let mut relit = relighter.relight(&wanted.lights, &options, context.monitor)?;
+        scale(&mut relit.static_light, wanted.static_light);
+        for image in [Some(&mut relit.world), relit.backdrop.as_mut()].into_iter().flatten() {
+            scale(image, wanted.world);
+        }
+        Ok(Self { relit, view })
+    }
+
+    /// Writes EXR and PNG.
+    pub fn write(&self, out: &Path, args: &PictureArgs, context: &CommandContext) -> anyhow::Result<Written> {
+        let png = out.with_extension("png");
+        let stage = context.monitor.stage(Stage::Write, 0, 2);
+        self.relit.write_exr(out, if args.float { Precision::Float } else { Precision::Half })?;
+        stage.advance(1, "");
+        let depth = if args.sixteen_bit { BitDepth::Sixteen } else { BitDepth::Eight };
+        self.relit.write_png(&png, &self.view, depth)?;
+        stage.advance(1, "");
+        let of = |light: &RelitLight| WrittenLight { name: light.name.clone(), source: light.source };
+        Ok(Written { exr: out.to_owned(), png, lights: self.relit.lights.iter().map(of).collect() })
+    }
+}
+
+fn scale(image: &mut Image, factor: [f32; 3]) {
+    if factor != [1.0; 3] {
+        image.data.chunks_exact_mut(3).for_each(|pixel| (0..3).for_each(|c| pixel[c] *= factor[c]));
+    }
 }
 
 /// An unfinished bake relights, black where nothing has been traced.
@@ -116,21 +153,30 @@ fn change_world(
     Ok(relighter.set_world(&world, &textures, context.monitor)?)
 }
 
-/// The light set of a file, or the scene's own.
-fn light_set(
-    path: Option<&Path>,
+/// The lights of a file or the scene's own, and factors on other light.
+fn wanted(
+    args: &PictureArgs,
     relighter: &Relighter,
     context: &CommandContext,
-) -> anyhow::Result<LightSet> {
-    let set = match path {
-        Some(path) => LightSet::read(path)?,
-        None => relighter.scene_lights()?,
+) -> anyhow::Result<LiveRequest> {
+    let read = |path: &PathBuf| -> anyhow::Result<LiveRequest> {
+        let text =
+            std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        LiveRequest::parse(&text).map_err(|reason| anyhow::anyhow!("request {}: {reason}", path.display()))
     };
-    set.notes.iter().for_each(|note| context.monitor.warn(note));
-    if set.lights.is_empty() {
+    let set = || match &args.lights {
+        Some(path) => LightSet::read(path),
+        None => relighter.scene_lights(),
+    };
+    let wanted = match &args.request {
+        Some(path) => read(path)?,
+        None => LiveRequest::new(set()?, RequestOptions::default()).map_err(anyhow::Error::msg)?,
+    };
+    wanted.notes.iter().for_each(|note| context.monitor.warn(note));
+    if wanted.lights.is_empty() {
         context
             .monitor
             .warn("there are no lights; only the scene's own emission and world are seen (see --lights)");
     }
-    Ok(set)
+    Ok(wanted)
 }

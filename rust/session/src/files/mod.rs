@@ -13,4 +13,5 @@ pub(crate) mod obj_scene;
 pub(crate) mod proxies;
 pub(crate) mod scene_file;
 mod shot_files;
+pub(crate) mod shot_list;
 pub(crate) mod validate;

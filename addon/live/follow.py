@@ -1,0 +1,55 @@
+"""The scene follows the shot that is chosen in the list: its camera, its frame, its view layer, and its bake."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import bpy
+
+from ..core.phase import ShotPhase
+from ..core.shots import AUTOMATIC
+from ..engine.shot import shot as shots
+from ..engine.shot import shot_list
+from ..export.current_shot import active_entry, current_entry, shot_camera
+from . import opening
+from .scheduler import scheduler
+
+
+def follow(scene: bpy.types.Scene) -> None:
+    """Makes the chosen shot the current one, and shows its bake. A bake of another file has no camera here."""
+    entry = active_entry(scene)
+    camera = shot_camera(entry) if entry is not None and not entry.is_foreign else None
+    if camera is None:
+        return
+    scene.camera = camera
+    if entry.use_frame and scene.frame_current != entry.frame:
+        scene.frame_set(entry.frame)
+    if (layer := scene.view_layers.get(entry.layer)) is not None:
+        for window in bpy.context.window_manager.windows:
+            if window.scene == scene:
+                window.view_layer = layer
+    show(scene)
+
+
+def show(scene: bpy.types.Scene) -> None:
+    """Shows the bake of the current shot, or nothing where it has none. A bake under way is left alone."""
+    opened, entry = shots.of(scene), current_entry(scene)
+    if entry is None or (opened is not None and (_is_baking(opened) or opened.options.shot == entry.key)):
+        return
+    if shot_list.baked_folder(scene, entry) is not None:
+        if opening.open_stored(scene) is not None:
+            scheduler.read_lights(scene)
+    elif opened is not None:
+        opened.close()
+
+
+def _is_baking(opened: shots.Shot) -> bool:
+    """True unless a bake is only shown, or about to be."""
+    return opened.is_working and not (opened.phase is ShotPhase.PREPARING and opened.is_recorded)
+
+
+def adopt(scene: bpy.types.Scene) -> None:
+    """Takes the open shot of a scene that had no list for the one that its camera has in the new list."""
+    opened, entry = shots.of(scene), current_entry(scene)
+    if opened is not None and entry is not None and opened.options.shot == AUTOMATIC:
+        opened.options = dataclasses.replace(opened.options, shot=entry.key)

@@ -1,0 +1,1 @@
+"""The panel of shots: the list, baking several, and their contact sheet."""
