@@ -67,7 +67,8 @@ pub fn bump_shadowing(kind: BumpShadowing, smooth: Vec3, normal: Vec3, wi: Vec3)
         BumpShadowing::Cosines => {
             let denominator = cos_normal * cos_bend;
             let g = if denominator == 0.0 { 0.0 } else { cos_smooth / denominator };
-            if g >= 1.0 { 1.0 } else { (g + g * g * (1.0 - g)).max(0.0) }
+            let g = g.clamp(0.0, 1.0);
+            g + g * g * (1.0 - g)
         }
         _ if cos_smooth * cos_bend * cos_normal < 0.0 => 0.0,
         BumpShadowing::Off => 1.0,
