@@ -135,8 +135,8 @@ def sky_on_a_dome(scene):
 
 
 def steep_bumps(scene):
-    """Balls with steep bumps and a normal map in an old space, diffuse and velvety."""
-    for number, kind in enumerate(("ShaderNodeBsdfDiffuse", "ShaderNodeBsdfSheen", "ShaderNodeBsdfTranslucent")):
+    """Balls with steep bumps, diffuse and translucent."""
+    for number, kind in enumerate(("ShaderNodeBsdfDiffuse", "ShaderNodeBsdfTranslucent")):
         material, tree, output = stage.hunt.new_material(f"Bumpy {number}")
         noise, bump, shader = (tree.nodes.new(name) for name in ("ShaderNodeTexNoise", "ShaderNodeBump", kind))
         noise.inputs["Scale"].default_value = 3.0
@@ -144,7 +144,7 @@ def steep_bumps(scene):
         tree.links.new(noise.outputs["Fac"], bump.inputs["Height"])
         tree.links.new(bump.outputs[0], shader.inputs["Normal"])
         tree.links.new(shader.outputs[0], output.inputs["Surface"])
-        stage.add_ball(scene, f"Ball {number}", 0.55, material, (1.2 * (number - 1), 0.0, 0.0))
+        stage.add_ball(scene, f"Ball {number}", 0.7, material, (1.6 * number - 0.8, 0.0, 0.0))
 
 
 def radial_tiling(scene):
