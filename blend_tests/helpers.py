@@ -152,7 +152,7 @@ def both_lit(scene, folder, samples, channels=3):
     assert loaded.warnings == []
     relume.bake(loaded, folder, trace_settings(scene, lambda _: None) | {"samples": samples}).wait()
     picture = relume.Relighter(folder).relight(loaded.lights(), denoise=False)
-    ours = np.concatenate([picture["combined"], picture["alpha"]], axis=-1)[..., :channels]
+    ours = np.concatenate([picture["combined"], picture["alpha"]], axis=-1)[::-1, :, :channels]
     return ours, render_cycles(scene, samples, channels=channels)
 
 

@@ -10,7 +10,9 @@ EQUAL, APPROXIMATED, NOT, NONE = "equal", "approximated", "not", "none"
 STRUCTURE = "no shader: it only arranges or connects others"
 OUTPUTS = "an output: what feeds it is exported, other outputs make no picture"
 OTHER_ENGINE = "of EEVEE or Freestyle; Cycles does not know it"
-NO_INPUT = "named, and taken as a constant"
+RAYCAST = "Position", "Direction", "Length", "Is Hit", "Self Hit", "Hit Distance", "Hit Position", "Hit Normal"
+"""Sockets of the node Raycast but those of attributes."""
+MET = "attributes of what is met are named, and 0"
 PURE_COLORS = "colours beyond the working space are taken from the nearest wavelengths"
 
 ELSEWHERE = {
@@ -20,7 +22,12 @@ ELSEWHERE = {
     "FunctionNodeInputInt",
     "FunctionNodeInputVector",
     *("FunctionNodeInputMenu", "FunctionNodeInputSpecialCharacters", "FunctionNodeInputString"),
-    *("FunctionNodeReplaceString", "FunctionNodeReverseString", "FunctionNodeSetStringCase"),
+    *(
+        "FunctionNodeFormatString",
+        "FunctionNodeReplaceString",
+        "FunctionNodeReverseString",
+        "FunctionNodeSetStringCase",
+    ),
     *("FunctionNodeSliceString", "FunctionNodeTrimString", "FunctionNodeValueToString"),
     *("GeometryNodeInputSceneTime", "GeometryNodeRepeatInput", "GeometryNodeRepeatOutput", "GeometryNodeWarning"),
     *("NodeClosureInput", "NodeClosureOutput", "NodeEvaluateClosure", "NodeImplicitConversion"),
@@ -41,16 +48,11 @@ NODES: dict[str, tuple[str, str]] = {
     "ShaderNodeOutputLineStyle": (NONE, OTHER_ENGINE),
     "ShaderNodeLightIterInternalInput": (NONE, OTHER_ENGINE),
     "ShaderNodeLightIterInternalOutput": (NONE, OTHER_ENGINE),
-    "ShaderNodeTexSky": (APPROXIMATED, "in worlds as Cycles renders it; in materials named, and a constant"),
     "ShaderNodeLightFalloff": (APPROXIMATED, "in lights where it is a factor on all of the light; else named"),
     "ShaderNodeScript": (NOT, "named: scripts in Open Shading Language run in Cycles alone"),
     "GeometryNodeMenuSwitch": (EQUAL, ""),
-    "FunctionNodeFormatString": (NOT, "named where a number comes of it, which is 0"),
-    **dict.fromkeys(
-        ("ShaderNodeTexPointDensity", "ShaderNodeRadialTiling"),
-        (NOT, NO_INPUT),
-    ),
-    "ShaderNodeRaycast": (APPROXIMATED, "attributes of what is met are named, and 0; it meets all objects"),
+    "ShaderNodeTexPointDensity": (NOT, "named, and taken as a constant"),
+    "ShaderNodeRaycast": (APPROXIMATED, MET),
 }
 
 
@@ -59,8 +61,6 @@ OPTIONS: dict[tuple[str, str, str], tuple[str, str]] = {
         APPROXIMATED,
         "that of Blender 4.5 on, where Blender is older",
     ),
-    ("ShaderNodeNormalMap", "space", "BLENDER_OBJECT"): (APPROXIMATED, "Cycles is brighter where normals turn away"),
-    ("ShaderNodeNormalMap", "space", "BLENDER_WORLD"): (APPROXIMATED, "Cycles is brighter where normals turn away"),
     ("ShaderNodeAttribute", "attribute_type", "INSTANCER"): (
         APPROXIMATED,
         "without what geometry nodes give, before Blender 4.5",
@@ -69,6 +69,11 @@ OPTIONS: dict[tuple[str, str, str], tuple[str, str]] = {
 """Items of properties that differ from their node."""
 
 SOCKETS: dict[tuple[str, str], tuple[str, str]] = {
+    ("ShaderNodeBsdfTranslucent", "Normal"): (
+        APPROXIMATED,
+        "turned away from the camera, worlds and large lamps light it more",
+    ),
+    **{("ShaderNodeRaycast", socket): (EQUAL, "") for socket in RAYCAST},
     ("ShaderNodeBsdfPrincipled", "Transmission Dispersion Scale"): (APPROXIMATED, PURE_COLORS),
     ("ShaderNodeBsdfPrincipled", "Transmission Dispersion Abbe Number"): (APPROXIMATED, PURE_COLORS),
     ("ShaderNodeBsdfPrincipled", "Sheen Weight"): (APPROXIMATED, "up to 4 % off: a fit to Cycles' table"),

@@ -68,7 +68,8 @@ TABLE = {
         "max_subdivisions offscreen_*",
         READ + " for adaptive subdivision": "feature_set",
         FAST_GI: "use_fast_gi",
-        NAMED: "sample_clamp_* texture_limit_render texture_resolution_render",
+        NAMED: "sample_clamp_*",
+        READ + " with Simplify": "texture_limit_render texture_resolution_render",
         "of nodes with scripts, which are named": "shading_system",
         NOISE: "device sampling_pattern *scrambling_distance use_layer_samples light_sampling_threshold "
         "use_adaptive_sampling adaptive_* direct_light_sampling_type use_light_tree use_guiding* "
@@ -104,9 +105,8 @@ TABLE = {
     },
     "Object": {
         READ: "data matrix_world material_slots pass_index color visible_camera visible_diffuse visible_glossy "
-        "visible_transmission visible_volume_scatter visible_shadow light_linking cycles "
+        "visible_transmission visible_volume_scatter visible_shadow visible_raycast light_linking cycles "
         "is_holdout is_shadow_catcher modifiers particle_systems",
-        NAMED: "visible_raycast",
         "exported, or named by who exports the shading offset": "shadow_terminator_*",
         BY_DEPSGRAPH: "parent* use_camera_lock_parent track_axis up_axis location rotation_* scale dimensions delta_* "
         "lock_* matrix_local matrix_basis matrix_parent_inverse grease_pencil_modifiers constraints vertex_groups "
@@ -168,8 +168,7 @@ TABLE = {
         IN_F12: "grease_pencil",
     },
     "CyclesMaterialSettings": {
-        READ: "emission_sampling",
-        "decided where nodes are exported": "use_bump_map_correction",
+        READ: "emission_sampling use_bump_map_correction",
         MARCHING: "homogeneous_volume volume_*",
     },
     "Camera": {

@@ -117,6 +117,40 @@ def test_texts_become_numbers(scene, tmp_path):
     compare(cards, tmp_path)
 
 
+FORMATS = {
+    "as they come": "{}{}",
+    "by number": "{1}{0}",
+    "by name": "{Number}.{Count}",
+    "digits": "{:.2f}{:03}",
+    "width": "{:9}{:>4}",
+    "zeros": "{:07}{:x}",
+    "general": "{:.3}{:+}",
+    "signed": "{:+}",
+    "braces": "1{{}}{}{}",
+    "a whole number as broken": "{}{:f}",
+    "unknown name": "{Other}",
+    "too many": "{}{}{}",
+    "attribute": "{0.real}",
+}
+
+
+@pytest.mark.parametrize("number", [3.0, 0.1, -2.5])
+def test_formats_become_numbers(scene, tmp_path, number):
+    """The length of each text, and the number that it begins with."""
+    cards = Cards(scene)
+    for name, text in FORMATS.items():
+        for kind in ("FunctionNodeStringLength", "FunctionNodeStringToValue"):
+            tree, out = cards.add(f"{name} {kind}")
+            formatted = tree.nodes.new("FunctionNodeFormatString")
+            formatted.format_items.new("FLOAT", "Number")
+            formatted.format_items.new("INT", "Count")
+            formatted.inputs["Format"].default_value = text
+            formatted.inputs["Number"].default_value, formatted.inputs["Count"].default_value = number, 17
+            value = node(tree, kind, {0: formatted.outputs[0]}).outputs[0]
+            cards.show(tree, out, shown(tree, value))
+    compare(cards, tmp_path)
+
+
 def test_zones_closures_and_bundles_are_followed(scene, tmp_path):
     cards = Cards(scene)
     tree, output = cards.add("repeat")

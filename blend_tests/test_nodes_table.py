@@ -37,6 +37,7 @@ def test_every_operation_on_vectors_is_translated_or_an_exception(nodes):
 
 def test_nodes_that_are_not_there_are_named(scene, nodes):
     """A node whose output counts is translated by the exporter, or named."""
+    add_quad(scene, "Nothing")
     missing = [kind for kind in nodes if decision(kind)[0] == NOT and kind not in TABLES.closures]
     for kind in missing:
         material, tree, output = add_material(kind)

@@ -70,8 +70,25 @@ def test_what_is_not_known_of_a_hit_is_said(scene):
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 3, 0), reason="rays of nodes meet everything")
-def test_objects_that_rays_of_nodes_should_pass_are_said(scene):
+def test_rays_of_nodes_pass_objects_that_are_hidden_from_them(scene, tmp_path):
+    """Cards below two plates, of which they should pass the lower one, or both; one looks at itself alone."""
     cards = Cards(scene)
-    show(cards, "cast", "Is Hit", {"Length": 3.0})
-    scene.objects["cast"].visible_raycast = False
-    assert any("rays of the node Raycast" in text for text in exported(scene)["warnings"])
+    for name in ("all", "hidden itself"):
+        show(cards, name, "Hit Distance", {"Length": 3.0})
+    show(
+        cards,
+        "hidden, local",
+        "Is Hit",
+        {"Length": 3.0, "Direction": (0.0, 0.0, -1.0)},
+        offset=(0, 0, 0.2),
+        only_local=True,
+    )
+    for name in ("hidden itself", "hidden, local"):
+        scene.objects[name].visible_raycast = False
+    for height, is_met in ((0.4, False), (1.2, True)):
+        plate = add_quad(scene, f"Plate {height}", size=20.0)
+        plate.location = (4.0, 1.5, height)
+        plate.visible_camera, plate.visible_raycast = False, is_met
+    means, warnings = cards.means(tmp_path, samples=64)
+    assert differences(means, tolerance=0.02) == {}
+    assert warnings == []

@@ -39,10 +39,6 @@ def brighter(scene):
     tree.links.new(exposure.outputs[0], output.inputs[0])
 
 
-def smaller_textures(scene):
-    scene.render.use_simplify, scene.cycles.texture_limit_render = True, "512"
-
-
 def second_layer(scene):
     scene.view_layers.new("Foreground")
 
@@ -75,7 +71,6 @@ def set_light(name, value):
         (brighter, "scene 'Scene': the compositor"),
         (strips, "scene 'Scene': the video sequencer"),
         (second_layer, "of its view layers only 'ViewLayer' is in the picture, not 'Foreground'"),
-        (smaller_textures, "scene 'Scene': the texture limit of Simplify"),
         (set_cycles("sample_clamp_direct", 1.0), "clamping"),
         (set_light("is_caustics_light", True), "light 'Lamp'"),
     ],

@@ -307,5 +307,5 @@ def test_rendering_can_be_cancelled(scene, world, monkeypatch):
     monkeypatch.setattr(process, "Worker", lambda *asked: workers.append(worker(*asked)) or workers[-1])
     graph = WorldGraph(resolve(tree.get_output_node("CYCLES").inputs["Surface"], ()), WorldReader())
     with pytest.raises(ExportCancelled):
-        worlds.rendered(graph, lambda: time.monotonic() > started + 0.2)
+        worlds.rendered(graph, None, lambda: time.monotonic() > started + 0.2)
     assert time.monotonic() < started + 10.0 and workers[0].code is not None

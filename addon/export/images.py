@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from .arrays import touched
+from .node_graph import SkyGraph, TextureOf, no_texture
 from .target import from_srgb
 from .working_space import LINEAR_REC709, scene_linear_from_rec709, working_space
 
@@ -44,6 +45,21 @@ class Encoded:
     """Frame of a movie, from 1 on; None of a picture."""
 
 
+TextureSize = tuple[int | None, float] | None
+"""Most texels along a side of an image, if there is such a limit, and the largest share of them; None: it keeps its
+size."""
+
+
+def texture_size(scene: bpy.types.Scene) -> TextureSize:
+    """The size to which Simplify limits the images of a final render."""
+    cycles = getattr(scene, "cycles", None)
+    if cycles is None or not scene.render.use_simplify:
+        return None
+    largest = None if cycles.texture_limit_render == "OFF" else int(cycles.texture_limit_render)
+    share = getattr(cycles, "texture_resolution_render", 1.0)  # From Blender 5.3 on.
+    return None if largest is None and share >= 1.0 else (largest, share)
+
+
 class ConvertError(Exception):
     """An image could not be made scene-linear; the message says why."""
 
@@ -61,14 +77,24 @@ def no_convert(_image: Encoded) -> np.ndarray:
 class ImageExporter:
     """Exports each image once and remembers its number."""
 
-    def __init__(self, builder: Any, frame: int, convert: Convert = no_convert):
+    def __init__(
+        self,
+        builder: Any,
+        frame: int,
+        convert: Convert = no_convert,
+        size: TextureSize = None,
+        rendered: TextureOf = no_texture,
+    ):
         """Exports to a builder of a scene, at a frame."""
         self.builder = builder
+        self.size = size
+        self.rendered = rendered
         self.convert = convert
         self.frame = frame
         """Frame of the scene, for images of a sequence."""
         self.numbers: dict[tuple[str, str, int | None], int] = {}
         self.tile_numbers: dict[tuple[str, int], int | None] = {}
+        self.skies: dict[str, int] = {}
 
     def number(self, image: bpy.types.Image, user: str, settings: bpy.types.ImageUser) -> int:
         """Number of an image as a node's settings choose it; `user` names who asks, for messages."""
@@ -94,7 +120,14 @@ class ImageExporter:
         if colors is not None:
             texels = np.rint(255.0 * texels).astype(np.uint8)
         encoding = "srgb" if colors == "srgb" else "linear"
-        return self.builder.add_texture(image.name, texels, encoding=encoding, alpha="none")
+        return self._added(image, texels, encoding, "none")
+
+    def sky(self, node: bpy.types.Node) -> int:
+        """Number of an image of a Sky Texture over all directions, as Cycles has it. Raises WorldRenderError."""
+        graph = SkyGraph(node)
+        if graph.text not in self.skies:
+            self.skies[graph.text] = self.rendered(graph, node.name)
+        return self.skies[graph.text]
 
     def missing(self, user: str) -> int:
         """Blender's magenta, for a texture node without an image file."""
@@ -135,9 +168,10 @@ class ImageExporter:
 
     def _converted(self, image: bpy.types.Image, encoded: Encoded) -> int:
         texels = self.convert(encoded)
-        return self.builder.add_texture(
-            image.name, texels, encoding="linear", alpha=ALPHA.get(image.alpha_mode, "straight")
-        )
+        return self._added(image, texels, "linear", ALPHA.get(image.alpha_mode, "straight"))
+
+    def _added(self, image: bpy.types.Image, texels: np.ndarray, encoding: str, alpha: str) -> int:
+        return self.builder.add_texture(image.name, texels, encoding=encoding, alpha=alpha, size=self.size)
 
     def _generated(self, image: bpy.types.Image, tile: bpy.types.UDIMTile, user: str) -> int:
         """A tile that no file holds, as one texel of its colour."""
@@ -148,12 +182,7 @@ class ImageExporter:
         color = np.array(tile.generated_color, np.float32).reshape(1, 1, 4)
         is_linear = tile.use_generated_float or colors_of(image) in {"linear", "data"}
         texels = color if tile.use_generated_float else np.rint(255.0 * color).astype(np.uint8)
-        return self.builder.add_texture(
-            image.name,
-            texels,
-            encoding="linear" if is_linear else "srgb",
-            alpha=ALPHA.get(image.alpha_mode, "straight"),
-        )
+        return self._added(image, texels, "linear" if is_linear else "srgb", ALPHA.get(image.alpha_mode, "straight"))
 
     def _decoded(self, image: bpy.types.Image, file: Any, colors: str | None) -> int | None:
         """A file, or the bytes of one, as the native module decodes it; None if it cannot."""
@@ -162,7 +191,7 @@ class ImageExporter:
         alpha = ALPHA.get(image.alpha_mode, "straight")
         scene_from_rec709 = None if working_space() == LINEAR_REC709 else scene_linear_from_rec709().tolist()
         return self.builder.add_texture_file(
-            image.name, file, colors=colors, alpha=alpha, scene_from_rec709=scene_from_rec709
+            image.name, file, colors=colors, alpha=alpha, scene_from_rec709=scene_from_rec709, size=self.size
         )
 
     def _export(self, image: bpy.types.Image, path: str, user: str) -> int:
@@ -198,7 +227,7 @@ class ImageExporter:
         if not image.is_float and colors != "data" and not keeps_bytes():
             texels, colors = _scene_linear(texels, alpha, colors), "linear"
         encoding = "srgb" if colors == "srgb" else "linear"
-        return self.builder.add_texture(image.name, texels, encoding=encoding, alpha=alpha)
+        return self._added(image, texels, encoding, alpha)
 
     def _encoded(self, image: bpy.types.Image, path: str) -> Encoded | None:
         """An image whose colour space the native module does not know; None if Blender has it scene-linear already, or

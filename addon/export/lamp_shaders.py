@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .images import ImageExporter, path_of
+from .images import ImageExporter, TextureSize, path_of
 from .materials.constants import PURE_NODES, ConstantEmission, ConstantTranslation, VaryingNodeError
 from .materials.graph import Context, Source, surface_socket, used_tree
 from .materials.procedural import TEXTURES
@@ -55,11 +55,18 @@ class Emission(NamedTuple):
 class LampShaders:
     """Computes what lamps emit, with the native module."""
 
-    def __init__(self, constant_emission: ConstantEmission, new_builder: Callable[[], Any], frame: int):
+    def __init__(
+        self,
+        constant_emission: ConstantEmission,
+        new_builder: Callable[[], Any],
+        frame: int,
+        size: TextureSize = None,
+    ):
         """`new_builder` makes scene builders without anything; images of sequences are those of a frame."""
         self.constant_emission = constant_emission
         self.new_builder = new_builder
         self.frame = frame
+        self.size = size
 
     def emission(self, obj: bpy.types.Object, world_from_object: Any, warn: Callable[[str], None]) -> Emission | None:
         """Emission of a light's nodes; None if they emit nothing. Raises VaryingNodeError."""
@@ -90,7 +97,7 @@ class LampShaders:
             return None
         material = json.dumps({"name": obj.name, "nodes": shader.nodes, "surface": root})
         lamp = json.dumps(shader.lamp(world_from_object))
-        key = material, lamp, images.stamps()
+        key = material, lamp, images.stamps(), self.size
         if key not in _tables:
             while len(_tables) >= MOST_TABLES:
                 del _tables[next(iter(_tables))]
@@ -103,7 +110,7 @@ class LampShaders:
     def _table(self, images: _NamedImages, material: str, lamp: str) -> tuple[Emission | None, list[str]]:
         builder = self.new_builder()
         shelf = _Shelf(builder)
-        images.export(ImageExporter(shelf, self.frame))
+        images.export(ImageExporter(shelf, self.frame, size=self.size))
         found, notes = builder.emission_map(builder.add_material(material), lamp)
         messages = [*shelf.messages, *notes]
         if found is None:
@@ -112,7 +119,7 @@ class LampShaders:
         return Emission([largest] * 3, json.loads(table)), messages
 
 
-_tables: dict[tuple[str, str, str], tuple[Emission | None, list[str]]] = {}
+_tables: dict[tuple[str, str, str, TextureSize], tuple[Emission | None, list[str]]] = {}
 """Tables by all that they are made of, with messages; the one used longest ago first."""
 
 

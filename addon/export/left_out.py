@@ -1,4 +1,4 @@
-"""Messages about settings of a scene, its view layers and its objects that the picture does not follow."""
+"""Messages about what Blender itself does to a render, which a picture by Relume alone does not have."""
 
 from __future__ import annotations
 
@@ -12,15 +12,6 @@ from .camera import film_border, film_size
 WITHOUT_EFFECTS = {"use_sequencer": False, "use_compositing": False, "use_freestyle": False}
 """Render settings without what Blender does to a picture once it is rendered. Freestyle would crash where there is
 none, and file output nodes would write over the artist's files."""
-
-
-def left_out_of_scene(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
-    """Sentences about settings of a scene and its view layer that no picture by Relume has."""
-    sentences = []
-    if scene.render.use_simplify and _limits_textures(scene):
-        words = "the texture limit of Simplify is not supported; textures keep their size"
-        sentences.append(f"scene '{scene.name}': {words}")
-    return sentences
 
 
 def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
@@ -41,12 +32,6 @@ def left_to_blender(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[
             words = f"{stage}: only in renders with Relume as render engine, not in this picture"
             sentences.append(f"scene '{scene.name}': {words}")
     return sentences
-
-
-def _limits_textures(scene: bpy.types.Scene) -> bool:
-    cycles = getattr(scene, "cycles", None)
-    limit = getattr(cycles, "texture_limit_render", "OFF")
-    return limit != "OFF" or getattr(cycles, "texture_resolution_render", 1.0) < 1.0
 
 
 def _has_strips(scene: bpy.types.Scene) -> bool:

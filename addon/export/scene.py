@@ -18,18 +18,18 @@ from .culling import Culling
 from .curves import CurvesExporter, Move, Strands
 from .dicing import DicingExporter
 from .geometry import GeometryExporter, is_open, shown_mesh
-from .images import Convert, ImageExporter, no_convert
+from .images import Convert, ImageExporter, no_convert, texture_size
 from .instance_attributes import InstanceAttributes, UnknownInstanceError
 from .lamp_shaders import LampShaders
 from .lights import LightExporter
 from .linking import LightLinking, receiver_names
 from .materials import ANY_UV_MAP, MaterialExporter, asked_attributes
 from .motion import FrameSet, Motion, followed, owner_of
+from .node_graph import NodeGraph, WorldRenderError
 from .object_attributes import Rgba, surroundings_of, values_of_instance
 from .points import PointsExporter
 from .volumes import VolumeExporter, density_factor, has_velocity, smoke_domain
-from .world import Space, WorldRenderError, export_world, world_of
-from .world_graph import WorldGraph
+from .world import Space, export_world, world_of
 
 GREASE_PENCIL = {"GREASEPENCIL", "GPENCIL"}
 """Types of objects that Blender draws over the pictures of any render engine."""
@@ -49,7 +49,7 @@ class ExportOptions:
     """Width and height in pixels; the scene's if None."""
 
 
-RenderWorld = Callable[[WorldGraph], np.ndarray]
+RenderWorld = Callable[[NodeGraph], np.ndarray]
 """Renders a world over all directions: equirectangular RGBA [height, width, 4], bottom row first, scene-linear. Raises
 WorldRenderError."""
 
@@ -58,7 +58,7 @@ class ExportError(Exception):
     """The scene cannot be exported; the message has the reason and the way out."""
 
 
-def _no_render(_world: WorldGraph) -> np.ndarray:
+def _no_render(_world: NodeGraph) -> np.ndarray:
     raise WorldRenderError("there is no other Blender to render it")
 
 
@@ -142,7 +142,7 @@ class _SceneExporter:
         self.render_world = render_world
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
-        self.images = ImageExporter(builder, frame, convert_image)
+        self.images = ImageExporter(builder, frame, convert_image, texture_size(depsgraph.scene), self._world_texture)
         self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
         self.culling = Culling(depsgraph, camera)
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
@@ -150,7 +150,7 @@ class _SceneExporter:
             lambda light: builder.add_light(json.dumps(light)),
             builder.warn,
             self.linking,
-            LampShaders(builder.constant_emission, builder.empty, frame),
+            LampShaders(builder.constant_emission, builder.empty, frame, self.images.size),
         )
         names = asked_attributes()
         self.geometry = GeometryExporter(builder, names, dicing)
@@ -161,7 +161,6 @@ class _SceneExporter:
         self.given = InstanceAttributes()
         self.not_given: set[int] = set()
         """Uids of objects whose instances have attributes that are not known."""
-        self.casts_rays = bpy.app.version >= (5, 3, 0) and casts_rays()
         self.known: set[tuple[int, str]] = set()
         """Uids of objects that were met, and in which type: nodes may add others to an object's own."""
         self.shared: dict[tuple[int, int, str, int], _Shared] = {}
@@ -209,7 +208,7 @@ class _SceneExporter:
     def _move(self, instance: bpy.types.DepsgraphObjectInstance) -> Move:
         return partial(self.motion.of_shape, instance)
 
-    def _world_texture(self, world: WorldGraph, name: str) -> int:
+    def _world_texture(self, world: NodeGraph, name: str) -> int:
         return self.builder.add_texture(name, self.render_world(world), encoding="linear", alpha="none")
 
     def _export_strands(self, instance: bpy.types.DepsgraphObjectInstance, strands: Strands) -> None:
@@ -252,8 +251,6 @@ class _SceneExporter:
         )
 
     def _shared(self, obj: bpy.types.Object, owner: bpy.types.Object, placed: _Placed) -> _Shared:
-        for each in dict.fromkeys((obj.original, owner)):
-            self._warn_about_rays(each)
         number = self.materials.number_in_volume if placed.is_hull else self.materials.number
         materials = [number(material, obj.name) for material in self._slots(obj)]
         if placed.kind != "mesh":
@@ -269,6 +266,7 @@ class _SceneExporter:
             "shadow_terminator_shading": shadow_terminator(obj)[1],
             "visibility": self._visibility(obj, owner),
             "visible_shadow": obj.visible_shadow and owner.visible_shadow,
+            "visible_raycast": all(getattr(each, "visible_raycast", True) for each in (obj, owner)),
             "is_shadow_catcher": obj.is_shadow_catcher or owner.is_shadow_catcher,
             **self._links(owner, materials),
             "occlusion_distance": occlusion_distance(obj),
@@ -326,10 +324,6 @@ class _SceneExporter:
         elif obj.type == "CURVE" and obj.original.type != "CURVE":
             warn(f"object '{name}': curves that its geometry nodes leave without a profile are left out, as by Cycles")
 
-    def _warn_about_rays(self, obj: bpy.types.Object) -> None:
-        if self.casts_rays and not getattr(obj, "visible_raycast", True):
-            self.builder.warn(f"object '{obj.name}': rays of the node Raycast meet it all the same")
-
     def _links(self, owner: bpy.types.Object, materials: list[int]) -> dict[str, Any]:
         """Light linking and shadow linking of what shines."""
         if not self.materials.emissive.intersection(materials):
@@ -371,9 +365,3 @@ def occlusion_distance(obj: bpy.types.Object) -> float:
     """Reach of the rays that Fast GI cuts where they leave an object; 0 for that of the world."""
     cycles = getattr(obj, "cycles", None)
     return cycles.ao_distance if cycles else 0.0
-
-
-def casts_rays() -> bool:
-    """True if a node of the file sends rays that objects may be hidden from."""
-    trees = [*(material.node_tree for material in bpy.data.materials), *bpy.data.node_groups]
-    return any(node.bl_idname == "ShaderNodeRaycast" for tree in trees if tree is not None for node in tree.nodes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import bpy
@@ -11,6 +10,7 @@ from mathutils import Euler, Matrix
 from .images import ImageExporter, has_tile_files, note_on
 from .materials.coordinates import is_mapped
 from .materials.graph import Source, is_implied, surface_socket, used_tree
+from .node_graph import TextureOf, WorldRenderError
 from .world_graph import KINDS_ALONE, LIGHT_PATHS, UnsupportedNodeError, WorldGraph, WorldReader, place_of
 
 BLACK = [0.0, 0.0, 0.0]
@@ -25,10 +25,6 @@ BACKWARD = {
     *(("ShaderNodeNewGeometry", output) for output in ("Normal", "True Normal", "Incoming")),
 }
 """Outputs that are the opposite direction."""
-
-
-class WorldRenderError(Exception):
-    """Cycles could not render a world; the message says why."""
 
 
 class Space(NamedTuple):
@@ -52,10 +48,6 @@ class Seen(NamedTuple):
     """Number of its texture."""
     matrix: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     """Rows: texture direction from world direction."""
-
-
-TextureOf = Callable[[WorldGraph, str], Any]
-"""Number of a texture of a world, rendered over all directions; the name is for messages. Raises WorldRenderError."""
 
 
 def world_of(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> bpy.types.World | None:

@@ -5,13 +5,13 @@ those of one kind of ray, after one bounce or from the camera."""
 
 from __future__ import annotations
 
-import json
 from typing import Any, NamedTuple
 
 import bpy
 
 from .materials.constants import ConstantEmission, ConstantTranslation, VaryingNodeError
 from .materials.graph import Constant, Context, Source, Value, constant_of, is_implied, trace
+from .node_graph import NodeGraph
 from .plain import plain, settings_of
 
 _BOUNCED = {"Ray Length": 1e4, "Ray Depth": 1.0}
@@ -101,14 +101,12 @@ class WorldReader:
         return self._light_path.get(output, 0.0)
 
 
-class WorldGraph:
-    """The nodes behind a surface shader of a world, each with its type, settings and inputs."""
+class WorldGraph(NodeGraph):
+    """The nodes behind a surface shader of a world."""
 
     def __init__(self, surface: Source, reader: WorldReader):
         """Describes all nodes that feed a surface."""
-        self.nodes: list[dict[str, Any]] = []
-        self.images: dict[str, bpy.types.Image] = {}
-        """Images by their full names."""
+        super().__init__()
         self._reader = reader
         self._numbers: dict[tuple[int, ...], int] = {}
         self.surface = self._link(surface)
@@ -116,16 +114,6 @@ class WorldGraph:
     def take_strength(self) -> None:
         """Sets the surface, a Background node, to strength 1."""
         self.nodes[self.surface["node"]]["inputs"]["Strength"] = 1.0
-
-    @property
-    def content(self) -> dict[str, Any]:
-        """All but the images' pixels, for JSON."""
-        return {"surface": self.surface, "nodes": self.nodes}
-
-    @property
-    def text(self) -> str:
-        """Text that is equal for equal worlds."""
-        return json.dumps(self.content, sort_keys=True)
 
     def _link(self, source: Source) -> dict[str, Any]:
         node, output = source.node, source.socket.identifier

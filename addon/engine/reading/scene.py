@@ -8,7 +8,8 @@ from typing import Any
 import bpy
 
 from ...export import ExportOptions, export_scene
-from ...export.left_out import left_out_of_scene, left_to_blender
+from ...export.images import texture_size
+from ...export.left_out import left_to_blender
 from ...export.stop import ExportCancelled, Stop
 from ...export.view_layer import render_layer
 from ...export.working_space import LINEAR_REC709, working_space
@@ -68,7 +69,7 @@ def scene_of_depsgraph(
         _Stoppable(builder, stop),
         depsgraph,
         options or ExportOptions(),
-        lambda world: worlds.rendered(world, stop),
+        lambda world: worlds.rendered(world, texture_size(depsgraph.scene), stop),
         lambda image: image_colors.converted(image, stop),
         frame_set,
     )
@@ -79,7 +80,7 @@ def _export(scene: bpy.types.Scene, options: ExportOptions | None) -> Work[Any]:
     """Work that reads a scene and names what is left out. That is found before: the copy that is read has another name
     and other settings."""
     layer = render_layer(scene)
-    notes = [*left_out_of_scene(scene, layer), *left_to_blender(scene, layer)]
+    notes = left_to_blender(scene, layer)
     return lambda engine, depsgraph, stop: scene_of_depsgraph(engine, depsgraph, options, stop, notes)
 
 

@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...export.images import texture_size
 from ...export.instancers import Instancers, may_be_instanced
 from ...export.lamp_shaders import LampShaders
 from ...export.lights import UniqueNames, describe_light, name_of, ray_visibility
@@ -245,7 +246,10 @@ class SceneLights:
         place, camera = entry.matrix or obj.matrix_world, (depsgraph.scene_eval or depsgraph.scene).camera
         builder = native().SceneBuilder
         shaders = LampShaders(
-            builder.constant_emission, lambda: builder(working_space()), depsgraph.scene.frame_current
+            builder.constant_emission,
+            lambda: builder(working_space()),
+            depsgraph.scene.frame_current,
+            texture_size(depsgraph.scene),
         )
         found = describe_light(obj, entry.owner, place, camera, linking, warnings.append, shaders)
         before, name = entry.description, name_of(entry.light)

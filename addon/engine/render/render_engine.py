@@ -22,7 +22,6 @@ from ...core.rows import NEUTRAL
 from ...core.words import grouped, listed
 from ...export import ExportOptions, trace_settings
 from ...export.camera import film_border, film_size, why_no_picture
-from ...export.left_out import left_out_of_scene
 from ...export.stop import ExportCancelled
 from ..native import native
 from ..reading.scene import scene_of_depsgraph
@@ -121,10 +120,7 @@ class _FinalRender:
             raise RuntimeError(words)
         self._say("Reading the scene", 0.0)
         size = film_size(self.scene.render)
-        notes = left_out_of_scene(self.scene, self.depsgraph.view_layer)
-        exported = scene_of_depsgraph(
-            self.engine, self.depsgraph, ExportOptions(resolution=size), self._is_stopped, notes
-        )
+        exported = scene_of_depsgraph(self.engine, self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
         for text in grouped(tuple(exported.warnings)):
             self._warn(text)
         lights = self._mixed(json.loads(exported.lights()))

@@ -22,11 +22,11 @@ from ...export.culling import SWITCHES, culling_settings
 from ...export.current_shot import current_size
 from ...export.curves import hides_hair, strand_shape
 from ...export.dicing import dicing_camera, dicing_settings
-from ...export.images import frame_of, path_of, tile_path
+from ...export.images import frame_of, path_of, texture_size, tile_path
 from ...export.instancers import node_inputs, objects_in
 from ...export.lights import rules_of_lights
 from ...export.linking import link_states
-from ...export.materials import sampling_settings
+from ...export.materials import bump_shadowing, sampling_settings
 from ...export.materials.graph import used_tree
 from ...export.motion import motion_settings
 from ...export.object_attributes import find_rgba
@@ -245,6 +245,8 @@ def _object(obj: bpy.types.Object) -> Fingerprint:
     }
     if not obj.visible_volume_scatter:
         found["scatter"] = "hidden"
+    if not getattr(obj, "visible_raycast", True):  # From Blender 5.3 on.
+        found["raycast"] = "hidden"
     if obj.is_holdout:
         found["holdout"] = "on"
     if obj.is_shadow_catcher and obj.type != "LIGHT":
@@ -320,6 +322,8 @@ def _material(material: bpy.types.Material) -> Fingerprint:
         found = {"nodes": hashed(tree(used) if method == "BUMP" else [tree(used), method])}
     if sampling := sampling_settings(material):
         found["sampling"] = hashed(sampling)
+    if (bumps := bump_shadowing(material)) == "off":
+        found["bumps"] = bumps
     return found
 
 
@@ -409,6 +413,7 @@ def _settings(scene: bpy.types.Scene) -> Fingerprint:
         "strands": hashed([strand_shape(scene), layer.use_strand]),
         "space": working_space(),
         **({"culling": hashed(culling)} if (culling := culling_settings(scene)) else {}),
+        **({"textures": hashed(size)} if (size := texture_size(scene)) is not None else {}),
     }
 
 

@@ -10,9 +10,9 @@ from ...core.diff import Fingerprint, color_text
 from ...export.images import path_of
 from ...export.materials import MaterialExporter
 from ...export.materials.graph import has_volume
+from ...export.node_graph import NodeGraph, SkyGraph
 from ...export.view_layer import render_layer
 from ...export.world import export_world, world_of
-from ...export.world_graph import WorldGraph
 from ..native import native
 from .node_fingerprints import hashed
 
@@ -40,6 +40,10 @@ class _WorldRecorder:
         """Identifies an image of tiles; called like the image exporter's method."""
         return [image.name_full]
 
+    def sky(self, node: bpy.types.Node) -> str:
+        """Identifies a Sky Texture; called like the image exporter's method."""
+        return SkyGraph(node).text
+
     def missing(self, _owner: str) -> str:
         """Stands for an image that is not there."""
         return ""
@@ -49,7 +53,7 @@ class _WorldRecorder:
         self.shape.append(text)
         return 0
 
-    def texture_of(self, graph: WorldGraph, _name: str) -> str:
+    def texture_of(self, graph: NodeGraph, _name: str) -> str:
         """Identifies a world's node graph by its text, in place of rendering it."""
         return graph.text
 

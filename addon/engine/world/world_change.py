@@ -10,12 +10,12 @@ from typing import Any
 
 import bpy
 
-from ...export.images import ImageExporter
+from ...export.images import ImageExporter, TextureSize, texture_size
+from ...export.node_graph import NodeGraph, WorldRenderError
 from ...export.stop import ExportCancelled
 from ...export.view_layer import render_layer
 from ...export.working_space import working_space
-from ...export.world import WorldRenderError, export_world
-from ...export.world_graph import WorldGraph
+from ...export.world import export_world
 from ..native import native
 from . import worlds
 
@@ -47,8 +47,9 @@ class WorldTask:
         self._thread.start()
 
     def _steps(self, scene: bpy.types.Scene, by_blender: bool, known: Hashable) -> _Steps:
-        steps = _Steps(by_blender, known, lambda: self._stopped)
-        export_world(steps, ImageExporter(steps, scene.frame_current), steps.texture_of, scene, render_layer(scene))
+        steps = _Steps(by_blender, known, texture_size(scene), lambda: self._stopped)
+        images = ImageExporter(steps, scene.frame_current, size=steps.size)
+        export_world(steps, images, steps.texture_of, scene, render_layer(scene))
         return steps
 
     def _run(self, calls: list[Callable[[Any], None]]) -> None:
@@ -82,13 +83,14 @@ class WorldTask:
 class _Steps:
     """Stands in for a scene builder: keeps what is to be done, which takes its time."""
 
-    def __init__(self, by_blender: bool, known: Hashable, stop: Callable[[], bool]):
+    def __init__(self, by_blender: bool, known: Hashable, size: TextureSize, stop: Callable[[], bool]):
         self.calls: list[Callable[[Any], None]] = []
         self.source: Hashable = None
         self.is_same = False
         """True if the texture is that of `known`, and need not be read."""
         self.has_parts = False
         """True if rays of some kinds see another light: each part has a texture of its own."""
+        self.size = size
         self._by_blender, self._known, self._stop = by_blender, known, stop
         self._textures = 0
 
@@ -110,9 +112,9 @@ class _Steps:
         self.is_same = self.source is not None and self.source == self._known
         return 0 if self.is_same else self._texture(add)
 
-    def texture_of(self, graph: WorldGraph, name: str) -> int:
+    def texture_of(self, graph: NodeGraph, name: str) -> int:
         """Renders the world by Cycles."""
-        render = worlds.rendering(graph)
+        render = worlds.rendering(graph, self.size)
         return self._texture(
             lambda builder: builder.add_texture(name, render(self._stop), encoding="linear", alpha="none")
         )
@@ -138,7 +140,7 @@ class _Steps:
         return self._textures - 1
 
 
-def _source(file: str | bytes, **settings: str) -> Hashable:
+def _source(file: str | bytes, **settings: Hashable) -> Hashable:
     """Key of all that the pixels of an image file depend on; None if there is no such file."""
     if isinstance(file, bytes):
         return file, *settings.items()

@@ -40,6 +40,8 @@ def render(place: Path) -> None:
     scene = bpy.data.scenes.new("World")
     scene.world = _World(scene, place, job).built
     _prepare(scene, job["size"])
+    if job["texture_size"]:
+        _limit_textures(scene, *job["texture_size"])
     pixels = _Panorama(scene, place / "world.exr").render()
     pixels[..., 3] = 1.0
     np.save(place / RESULT, pixels)
@@ -140,7 +142,8 @@ class _World:
         built = WorldGraph(surface, WorldReader()).content if surface else {"surface": None, "nodes": []}
         for wanted, found in zip(self.job["nodes"], json.loads(json.dumps(built["nodes"])), strict=True):
             # Images have other names here.
-            if _without_images(wanted) != _without_images(found):
+            known = {name: part for name, part in found["parts"].items() if name in wanted["parts"]}
+            if _without_images(wanted) != _without_images(found | {"parts": known}):
                 raise WorldBuildError(f"a node of type {wanted['type']} could not be handed over whole")
 
 
@@ -193,6 +196,13 @@ def _prepare(scene: bpy.types.Scene, size: list[int]) -> None:
     render = {"film_transparent": False, "use_persistent_data": True, "use_crop_to_border": True}
     exact = {"film_exposure": 1.0, "pixel_filter_type": "BOX", "sample_clamp_direct": 0.0}
     set_up(scene, (size[0], size[1]), render, exact | {"device": "CPU", "shading_system": False})
+
+
+def _limit_textures(scene: bpy.types.Scene, largest: int | None, share: float) -> None:
+    scene.render.use_simplify = True
+    scene.cycles.texture_limit_render = "OFF" if largest is None else str(largest)
+    if share < 1.0:
+        scene.cycles.texture_resolution_render = share
 
 
 class _Panorama:

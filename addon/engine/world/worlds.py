@@ -15,11 +15,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...export.images import has_tile_files, is_as_in_file, tile_path
+from ...export.images import TextureSize, has_tile_files, is_as_in_file, tile_path
+from ...export.node_graph import NodeGraph, WorldRenderError
 from ...export.stop import Stop
 from ...export.working_space import working_space
-from ...export.world import WorldRenderError
-from ...export.world_graph import WorldGraph
 from ..workers.process import private_folder, run_to_end, telling_little_room
 
 COMMAND = "render-world"
@@ -33,14 +32,14 @@ _kept: OrderedDict[str, np.ndarray] = OrderedDict()
 _lock = threading.Lock()
 
 
-def rendered(world: WorldGraph, stop: Stop) -> np.ndarray:
-    """The world as an equirectangular texture: RGBA [height, width, 4], bottom row first, scene-linear. One that was
-    rendered lately is not rendered again. Waits; raises `ExportCancelled` soon after `stop` says so, and
-    WorldRenderError."""
-    return rendering(world)(stop)
+def rendered(world: NodeGraph, size: TextureSize, stop: Stop) -> np.ndarray:
+    """The world, with its images in a size, as an equirectangular texture: RGBA [height, width, 4], bottom row first,
+    scene-linear. One that was rendered lately is not rendered again. Waits; raises `ExportCancelled` soon after `stop`
+    says so, and WorldRenderError."""
+    return rendering(world, size)(stop)
 
 
-def rendering(world: WorldGraph) -> Callable[[Stop], np.ndarray]:
+def rendering(world: NodeGraph, size: TextureSize = None) -> Callable[[Stop], np.ndarray]:
     """Function that renders the world later, on any thread, like `rendered`. Reads now what that needs of Blender.
     Raises WorldRenderError."""
     contents = {name: _contents(image) for name, image in sorted(world.images.items())}
@@ -49,6 +48,7 @@ def rendering(world: WorldGraph) -> Callable[[Stop], np.ndarray]:
     job = world.content | {
         "working_space": working_space(),
         "size": [width, width // 2],
+        "texture_size": size,
         "images": {name: found.description for name, found in contents.items()},
     }
     text = json.dumps(job, sort_keys=True)

@@ -3,7 +3,16 @@
 from .attribute_nodes import FACTOR
 from .exporter import MaterialExporter, asked_attributes
 from .surface_nodes import ISLAND, POINTINESS
-from .translation import sampling_settings
+from .translation import bump_shadowing, sampling_settings
 from .values import ANY_UV_MAP
 
-__all__ = ["ANY_UV_MAP", "FACTOR", "ISLAND", "MaterialExporter", "POINTINESS", "asked_attributes", "sampling_settings"]
+__all__ = [
+    "ANY_UV_MAP",
+    "FACTOR",
+    "ISLAND",
+    "MaterialExporter",
+    "POINTINESS",
+    "asked_attributes",
+    "bump_shadowing",
+    "sampling_settings",
+]

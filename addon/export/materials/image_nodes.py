@@ -6,9 +6,11 @@ from typing import Any
 
 import bpy
 
+from ..node_graph import WorldRenderError
 from .coordinates import texture_vector
 from .graph import Source
 from .translation import TranslateValue, Translation
+from .vectors import upright
 
 INTERPOLATION = {"Linear": "linear", "Closest": "closest", "Cubic": "cubic", "Smart": "cubic"}
 
@@ -50,6 +52,32 @@ def _environment_texture(t: Translation, source: Source) -> Any:
     return {"node": t.once(source, description), "output": "color"}
 
 
+def _sky_texture(t: Translation, source: Source) -> Any:
+    """A sky where a material looks it up, from an image over all directions."""
+    node = source.node
+    try:
+        image = t.images.sky(node)
+    except WorldRenderError as error:
+        t.warn(f"node '{node.name}': Cycles could not render the sky: {error}; black")
+        return [0.0] * 3
+
+    def description() -> dict[str, Any]:
+        generated = {"type": "texture_coordinate", "kind": "generated"}
+        vector = texture_vector(t, source, generated)
+        if vector is None:
+            vector = {"node": t.emit(generated), "output": "vector"}
+        return {
+            "type": "image_texture",
+            "texture": image,
+            "vector": upright(t, vector),
+            "interpolation": "linear",
+            "extension": "repeat",
+            "projection": "equirectangular",
+        }
+
+    return {"node": t.once(source, description), "output": "color"}
+
+
 def _shown(t: Translation, node: bpy.types.Node, user: str) -> dict[str, Any]:
     """The image of a node, or its tiles and what is shown outside of them."""
     if node.image is None:
@@ -69,4 +97,5 @@ def _projection(node: bpy.types.Node) -> dict[str, Any]:
 IMAGE_VALUES: dict[str, TranslateValue] = {
     "ShaderNodeTexImage": _image_texture,
     "ShaderNodeTexEnvironment": _environment_texture,
+    "ShaderNodeTexSky": _sky_texture,
 }

@@ -88,6 +88,23 @@ def _gabor(t: Translation, source: Source) -> Any:
     return {"node": t.once(source, description), "output": output}
 
 
+def _radial_tiling(t: Translation, source: Source) -> Any:
+    node = source.node
+    is_segment = source.socket.identifier in {"Segment Width", "Segment Rotation"}
+
+    def description() -> dict[str, Any]:
+        values = {field: t.value(node, field.title(), source.context) for field in ("sides", "roundness")}
+        settings = {"normalize": node.normalize, "segment": is_segment}
+        vector = t.value(node, "Vector", source.context, [0.0] * 3)
+        if isinstance(vector, list):
+            vector = [*vector, 0.0][:3]  # The socket has two numbers.
+        return {"type": "procedural", "texture": "radial_tiling", **settings, **values, "vector": vector}
+
+    outputs = {"Segment Coordinates": "vector", "Segment ID": "w", "Segment Width": "x", "Segment Rotation": "y"}
+    number = t.once(source, description, part="segment" if is_segment else "")
+    return {"node": number, "output": outputs[source.socket.identifier]}
+
+
 TEXTURES: dict[str, TranslateValue] = {
     "ShaderNodeTexNoise": _texture(
         "noise",
@@ -113,6 +130,7 @@ TEXTURES: dict[str, TranslateValue] = {
         {"kind": "wave_type", "profile": "wave_profile"},
     ),
     "ShaderNodeTexGabor": _gabor,
+    "ShaderNodeRadialTiling": _radial_tiling,
     "ShaderNodeTexMagic": _texture("magic", "scale distortion", {"depth": "turbulence_depth"}),
     "ShaderNodeTexBrick": _texture(
         "brick",

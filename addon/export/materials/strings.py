@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import string
 from typing import Any
+
+import numpy as np
 
 from .graph import Constant, Context, Source, constant_value, trace
 from .translation import TranslateValue, Translation
 
-NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
@@ -18,7 +21,11 @@ class _UnknownTextError(Exception):
 
 def _text(node: Any, name: str, context: Context) -> str:
     """The text of an input. Raises _UnknownTextError."""
-    source = trace(node.inputs[name], context)
+    return _text_of(node.inputs[name], context)
+
+
+def _text_of(socket: Any, context: Context) -> str:
+    source = trace(socket, context)
     if isinstance(source, Constant):
         shown = getattr(source.owner, "default_value", "")
         return shown if isinstance(shown, str) else ""
@@ -26,7 +33,11 @@ def _text(node: Any, name: str, context: Context) -> str:
 
 
 def _number(node: Any, name: str, context: Context) -> float:
-    value = constant_value(node.inputs[name], context)
+    return _number_of(node.inputs[name], context)
+
+
+def _number_of(socket: Any, context: Context) -> float:
+    value = constant_value(socket, context)
     if not isinstance(value, float):
         raise _UnknownTextError
     return value
@@ -56,6 +67,8 @@ def _made(node: Any, output: str, context: Context) -> str:
             return _trimmed(node, context)
         case "FunctionNodeValueToString":
             return _of_number(node, context)
+        case "FunctionNodeFormatString":
+            return _formatted(node, context)
     raise _UnknownTextError
 
 
@@ -81,6 +94,58 @@ def _of_number(node: Any, context: Context) -> str:
         left, digit = divmod(left, base)
         digits = DIGITS[digit] + digits
     return "-" * (value < 0.0) + digits.rjust(int(_number(node, "Padding", context)), "0")
+
+
+def _formatted(node: Any, context: Context) -> str:
+    """The text of a Format String; none where its format does not fit, as in Blender."""
+    sockets = [socket for socket in node.inputs[1:] if socket.type in {"VALUE", "INT", "STRING"}]
+    values = [_item(socket, context) for socket in sockets]
+    names = {socket.name: value for socket, value in zip(sockets, values, strict=True)}
+    try:
+        return _Formatter().vformat(_text(node, "Format", context), values, names)
+    except (ValueError, LookupError):
+        return ""
+
+
+def _item(socket: Any, context: Context) -> Any:
+    if socket.type == "STRING":
+        return _text_of(socket, context)
+    value = _number_of(socket, context)
+    return int(value) if socket.type == "INT" else value
+
+
+class _Formatter(string.Formatter):
+    """Python's formats, as far as they are those of Blender, which have neither attributes nor conversions."""
+
+    def get_field(self, field_name: str, args: Any, kwargs: Any) -> tuple[Any, Any]:
+        """The value of a name or number."""
+        if not re.fullmatch(r"\d+|[A-Za-z_]\w*", field_name):
+            raise ValueError(field_name)
+        return super().get_field(field_name, args, kwargs)
+
+    def convert_field(self, value: Any, conversion: str | None) -> Any:
+        """The value as it is."""
+        if conversion is not None:
+            raise ValueError(conversion)
+        return value
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """A value as text. Numbers with a point are of single precision; whole ones keep it where nothing is asked."""
+        if not isinstance(value, float):
+            if isinstance(value, int) and format_spec[-1:] in {*"eEfFgG%n"}:
+                raise ValueError(format_spec)
+            return format(value, format_spec)
+        if format_spec[-1:].isalpha():
+            return format(value, format_spec)
+        if "." in format_spec:
+            return format(value, f"{format_spec}g")
+        shortest = np.format_float_positional(np.float32(value), trim="-" if format_spec else "0")
+        sign = "+" if "+" in format_spec and value >= 0.0 else ""
+        found = re.fullmatch(r"\+?(0?)(\d*)", format_spec)
+        if found is None:
+            raise _UnknownTextError
+        text, width = sign + shortest, int(found[2] or 0)
+        return text.zfill(width) if found[1] else text.rjust(width)
 
 
 def _length(node: Any, _output: str, context: Context) -> float:

@@ -60,6 +60,12 @@ def sampling_settings(material: bpy.types.Material | None) -> dict[str, bool]:
     return {name: True for name, is_set in found.items() if is_set}
 
 
+def bump_shadowing(material: bpy.types.Material | None) -> str:
+    """Cycles' dimming of a material's diffuse reflection about bent normals, in the JSON form."""
+    corrects = getattr(getattr(material, "cycles", None), "use_bump_map_correction", True)
+    return "off" if not corrects else "facets" if bpy.app.version >= (4, 5, 0) else "cosines"
+
+
 class NodeTables(NamedTuple):
     """Functions that translate nodes, by their `bl_idname`."""
 
@@ -126,7 +132,7 @@ class Translation:
         if volume and surface is None and self._has_surface(tree):
             surface = self.emit(NOTHING)  # Black, where rays would pass without any.
         moved = {"displacement": self.displacement} if self.displacement else {}
-        own = moved | self.bumped | sampling_settings(self.material)
+        own = moved | self.bumped | sampling_settings(self.material) | {"bump_shadowing": bump_shadowing(self.material)}
         index = {"pass_index": self.material.pass_index} if self.material is not None else {}
         return {"name": self.title, "nodes": self.nodes, "surface": surface, **volume, **own, **index}
 

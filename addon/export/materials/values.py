@@ -255,8 +255,6 @@ def _normal_map(t: Translation, source: Source) -> Any:
             color = _with_green_flipped(t, color)
         strength = t.value(node, "Strength", source.context, 1.0)
         settings = {"space": node.space.lower(), "uv_map": node.uv_map}
-        if node.space.startswith("BLENDER_"):
-            t.warn(f"node '{node.name}': where this old space turns normals away from the camera, Cycles is brighter")
         if IS_INLINED and settings == {"space": "tangent", "uv_map": ""}:
             t.attributes[ANY_UV_MAP] = node.name  # Before Blender 5.0 it is known what Cycles takes without one.
         is_plain = t.displacement is None or getattr(node, "base", "ORIGINAL") == "DISPLACED"

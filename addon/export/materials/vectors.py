@@ -31,6 +31,10 @@ def _components(t: Translation, vector: Any) -> list[Any]:
     return [{"node": separate, "output": axis} for axis in "xyz"]
 
 
+def _combined(t: Translation, x: Any, y: Any, z: Any) -> dict[str, Any]:
+    return {"node": t.emit({"type": "combine_xyz", "x": x, "y": y, "z": z}), "output": "vector"}
+
+
 def _camera_data(t: Translation, source: Source) -> Any:
     """Place in the camera's space, which looks along +z."""
     place = {"node": t.emit({"type": "texture_coordinate", "kind": "camera"}), "output": "vector"}
@@ -81,6 +85,17 @@ def _turned(t: Translation, arm: Any, axis: Any, angle: Any) -> dict[str, Any]:
     return _vector_math(t, "ADD", own, _vector_math(t, "SCALE", axis, scale=along))
 
 
+def upright(t: Translation, vector: Any) -> dict[str, Any]:
+    """The direction whose height is the vector's z, of any length, and whose bearing is that of x and y."""
+    x, y, z = _components(t, vector)
+    x = _math(t, "ADD", x, 1e-12)  # What points straight up without being as long counts as towards +x.
+    height = _math(t, "MAXIMUM", _math(t, "MINIMUM", z, 1.0), -1.0)
+    away = _math(t, "SQRT", _math(t, "SUBTRACT", 1.0, _math(t, "MULTIPLY", height, height)))
+    level = _vector_math(t, "NORMALIZE", _combined(t, x, y, 0.0))
+    x, y, _ = _components(t, _vector_math(t, "SCALE", level, scale=away))
+    return _combined(t, x, y, height)
+
+
 Rows = list[tuple[Any, Any]]
 """Rows of a matrix: three numbers each and the fourth."""
 
@@ -115,7 +130,7 @@ def _moved(t: Translation, vector: Any, rows: Rows, is_place: bool) -> dict[str,
     products = [_vector_math(t, "DOT_PRODUCT", row, vector) for row, _ in rows]
     if is_place:
         products = [_math(t, "ADD", product, shift) for product, (_, shift) in zip(products, rows, strict=True)]
-    return {"node": t.emit({"type": "combine_xyz", **dict(zip("xyz", products, strict=True))}), "output": "vector"}
+    return _combined(t, *products)
 
 
 def _normal_by(t: Translation, normal: Any, rows: Rows) -> dict[str, Any]:

@@ -29,6 +29,13 @@ type StoredMap = (f32, String);
 /// Rays, colour, texture and rows of the direction of a [`scene::WorldPart`].
 type WorldPartArguments = ([bool; 5], [f32; 3], Option<usize>, [[f32; 3]; 3]);
 
+/// Most texels along a side of an image, and the largest share of them.
+type Size = (Option<usize>, f32);
+
+fn texture_size((largest, share): Size) -> scene::TextureSize {
+    scene::TextureSize { largest, share }
+}
+
 /// Source of the bytes of a texture.
 #[derive(FromPyObject)]
 enum TextureFile<'py> {
@@ -189,7 +196,7 @@ impl PySceneBuilder {
 
     #[pyo3(signature = (name, geometry, world_from_object, materials, *, kind="mesh", receiver=0, color=[1.0; 4], pass_index=0,
         random=0.0, shadow_terminator_offset=0.1, shadow_terminator_shading=0.0, visibility=[true; 4],
-        visible_volume_scatter=true, visible_shadow=true, is_holdout=false, is_shadow_catcher=false, links=None, occlusion_distance=0.0, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
+        visible_volume_scatter=true, visible_shadow=true, visible_raycast=true, is_holdout=false, is_shadow_catcher=false, links=None, occlusion_distance=0.0, density_factor=1.0, grids=None, attributes=Vec::new(), motion=Vec::new()))]
     fn add_instance(
         &mut self,
         py: Python<'_>,
@@ -207,6 +214,7 @@ impl PySceneBuilder {
         visibility: [bool; 4],
         visible_volume_scatter: bool,
         visible_shadow: bool,
+        visible_raycast: bool,
         is_holdout: bool,
         is_shadow_catcher: bool,
         links: Option<Links>,
@@ -236,6 +244,7 @@ impl PySceneBuilder {
             visible_transmission,
             visible_volume_scatter,
             visible_shadow,
+            visible_raycast,
             is_holdout,
             is_shadow_catcher,
             links: links.map(emitter_links),
@@ -286,7 +295,7 @@ impl PySceneBuilder {
         })
     }
 
-    #[pyo3(signature = (name, texels, *, encoding="srgb", alpha="straight"))]
+    #[pyo3(signature = (name, texels, *, encoding="srgb", alpha="straight", size=None))]
     fn add_texture(
         &mut self,
         py: Python<'_>,
@@ -294,20 +303,23 @@ impl PySceneBuilder {
         texels: &Bound<'_, PyAny>,
         encoding: &str,
         alpha: &str,
+        size: Option<Size>,
     ) -> PyResult<usize> {
-        let (size, texels) = if let Ok(bytes) = Array::<u8>::borrow("texels", texels) {
+        let (shape, texels) = if let Ok(bytes) = Array::<u8>::borrow("texels", texels) {
             ([bytes.size(0), bytes.size(1)], scene::Texels::Byte(bytes.cast()?.to_vec()))
         } else {
             let floats = Array::<f32>::borrow("texels (uint8 or float32)", texels)?;
             ([floats.size(0), floats.size(1)], scene::Texels::Float(floats.cast()?.to_vec()))
         };
         let (encoding, alpha) = (known("encoding", encoding)?, known("alpha", alpha)?);
-        let [height, width] = size;
+        let [height, width] = shape;
         let texture = scene::Texture { name: name.into(), width, height, texels, encoding, alpha };
-        enter_native(py, || self.builder.add_texture(texture))
+        enter_native(py, || self.builder.add_texture_of_size(texture, size.map(texture_size)))
     }
 
-    #[pyo3(signature = (name, file, *, colors="srgb", alpha="straight", scene_from_rec709=None))]
+    #[pyo3(signature = (
+        name, file, *, colors="srgb", alpha="straight", scene_from_rec709=None, size=None
+    ))]
     fn add_texture_file(
         &mut self,
         py: Python<'_>,
@@ -316,6 +328,7 @@ impl PySceneBuilder {
         colors: &str,
         alpha: &str,
         scene_from_rec709: Option<[[f32; 3]; 3]>,
+        size: Option<Size>,
     ) -> PyResult<Option<usize>> {
         let turn = scene_from_rec709.map(mat3_from_rows);
         let (colors, alpha) = (known("colors", colors)?, known("alpha", alpha)?);
@@ -326,7 +339,8 @@ impl PySceneBuilder {
                 Err(path) => scene::PictureFile::read(path),
             };
             let texture = picture.ok().map(|picture| picture.into_texture(name.into(), colors, alpha, turn));
-            Ok(texture.map(|texture| self.builder.add_texture(texture)).transpose()?)
+            let size = size.map(texture_size);
+            Ok(texture.map(|texture| self.builder.add_texture_of_size(texture, size)).transpose()?)
         })
     }
 

@@ -5,7 +5,7 @@ use crate::motion::{keys_fault, shape_fault};
 use crate::validate::world_fault;
 use crate::{
     Camera, Curves, Grid, GridSet, Instance, Light, Material, Mesh, Node, Points, Scene, Texels, Texture,
-    World,
+    TextureSize, World,
 };
 use serde::Deserialize;
 use serde_json::Value;
@@ -78,7 +78,16 @@ impl SceneBuilder {
 
     /// Adds an image and returns its number. Texels that are not finite become black and are named in a warning
     /// ([`Texture::blacken_infinite`]).
-    pub fn add_texture(&mut self, mut texture: Texture) -> Result<usize, BuildError> {
+    pub fn add_texture(&mut self, texture: Texture) -> Result<usize, BuildError> {
+        self.add_texture_of_size(texture, None)
+    }
+
+    /// Adds an image, shrunk to a size, as [`SceneBuilder::add_texture`].
+    pub fn add_texture_of_size(
+        &mut self,
+        mut texture: Texture,
+        size: Option<TextureSize>,
+    ) -> Result<usize, BuildError> {
         let found = match &texture.texels {
             Texels::Byte(texels) => texels.len(),
             Texels::Float(texels) => texels.len(),
@@ -94,6 +103,9 @@ impl SceneBuilder {
         }
         if let Some(warning) = texture.blacken_infinite() {
             self.warn(warning);
+        }
+        if let Some(size) = size {
+            texture.shrink(size);
         }
         self.scene.textures.push(texture);
         Ok(self.scene.textures.len() - 1)

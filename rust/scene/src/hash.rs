@@ -194,6 +194,9 @@ fn hash_instance(hasher: &mut Hasher, instance: &Instance) {
     if !instance.visible_shadow {
         json(hasher, &"no shadow");
     }
+    if !instance.visible_raycast {
+        json(hasher, &"no raycast");
+    }
     if instance.is_holdout {
         json(hasher, &"holdout");
     }
@@ -253,10 +256,11 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 26] = [
+        let changes: [fn(&mut Scene); 27] = [
             |scene| scene.meshes[0].undisplaced = Some(Undisplaced::default()),
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
+            |scene| scene.instances[0].visible_raycast = false,
             |scene| scene.instances[0].is_holdout = true,
             |scene| scene.instances[0].is_shadow_catcher = true,
             |scene| scene.instances[0].links = Some(Box::default()),

@@ -118,6 +118,9 @@ pub struct Instance {
     /// Seen by shadow rays. Where it is not, light passes it, and paths meet it all the same.
     #[serde(default = "yes", skip_serializing_if = "is_yes")]
     pub visible_shadow: bool,
+    /// Met by rays of the node Raycast, if any ray meets it.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub visible_raycast: bool,
     /// Cut out of the film where the camera sees it: nothing is there, and its alpha is 0. Other rays meet it all the same.
     #[serde(default, skip_serializing_if = "is_no")]
     pub is_holdout: bool,
@@ -203,6 +206,7 @@ impl Instance {
             visible_transmission: true,
             visible_volume_scatter: true,
             visible_shadow: true,
+            visible_raycast: true,
             is_holdout: false,
             is_shadow_catcher: false,
             links: None,

@@ -237,6 +237,15 @@ with_sockets! {
             orientation: Input,
             direction: Input,
         },
+        /// Segments around a point: coordinates within a segment and its number in w; or with `segment` its width in x and its
+        /// rotation in y.
+        RadialTiling {
+            normalize: bool,
+            segment: bool,
+            vector: Option<Input>,
+            sides: Input,
+            roundness: Input,
+        },
         /// The factor is 1 on mortar.
         Brick(BrickTexture),
     }
@@ -254,6 +263,7 @@ impl Procedural {
             | Self::Wave(WaveTexture { vector, .. })
             | Self::Magic { vector, .. }
             | Self::Gabor { vector, .. }
+            | Self::RadialTiling { vector, .. }
             | Self::Brick(BrickTexture { vector, .. }) => vector,
         }
     }

@@ -44,6 +44,18 @@ def box_projection(scene):
     stage.add_ball(scene, "Ball", 0.9, material)
 
 
+def texture_limit(scene):
+    """A ball with an image that Simplify shrinks to an eighth: blocks of random colours become duller."""
+    scene.render.use_simplify, scene.cycles.texture_limit_render = True, "128"
+    source, image = random.Random(8), bpy.data.images.new("made", 1024, 512)
+    blocks = [[(*(source.random() ** 3 for _ in range(3)), 1.0) for _ in range(171)] for _ in range(86)]
+    image.pixels.foreach_set([value for y in range(512) for x in range(1024) for value in blocks[y // 6][x // 6]])
+    image.pack()
+    material, _, texture = _painted(image)
+    texture.interpolation = "Closest"
+    stage.add_ball(scene, "Ball", 0.9, material)
+
+
 def object_attributes(scene):
     """Balls of one material, each with the colour of its own custom property."""
     material, tree, output = stage.hunt.new_material("Own")
@@ -76,4 +88,4 @@ def _painted(image):
     return material, tree, texture
 
 
-SCENES = {"image_tiles": image_tiles, "box_projection": box_projection, "object_attributes": object_attributes}
+SCENES = {build.__name__: build for build in (image_tiles, box_projection, texture_limit, object_attributes)}

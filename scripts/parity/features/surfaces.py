@@ -118,8 +118,54 @@ def _diffuse(name, kind="ShaderNodeBsdfDiffuse"):
     return material, tree, shader
 
 
-SCENES = {build.__name__: build for build in (looking_around, thin_films)}
+def sky_on_a_dome(scene):
+    """A ball painted with a sky, on which another one shines that glows with it."""
+    for number, kind in enumerate(("ShaderNodeBsdfDiffuse", "ShaderNodeEmission")):
+        material, tree, output = stage.hunt.new_material(f"Sky {number}")
+        sky, shader = (tree.nodes.new(name) for name in ("ShaderNodeTexSky", kind))
+        dim, coordinates = tree.nodes.new("ShaderNodeVectorMath"), tree.nodes.new("ShaderNodeTexCoord")
+        sky.sun_disc, sky.sun_elevation, sky.sun_rotation = False, 0.5, 2.6
+        dim.operation = "SCALE"
+        dim.inputs["Scale"].default_value = 0.1
+        tree.links.new(coordinates.outputs["Object"], sky.inputs["Vector"])
+        tree.links.new(sky.outputs[0], dim.inputs[0])
+        tree.links.new(dim.outputs[0], shader.inputs["Color"])
+        tree.links.new(shader.outputs[0], output.inputs["Surface"])
+        stage.add_ball(scene, f"Ball {number}", 0.7, material, (1.6 * number - 0.8, 0.0, 0.0))
+
+
+def steep_bumps(scene):
+    """Balls with steep bumps, diffuse and translucent."""
+    for number, kind in enumerate(("ShaderNodeBsdfDiffuse", "ShaderNodeBsdfTranslucent")):
+        material, tree, output = stage.hunt.new_material(f"Bumpy {number}")
+        noise, bump, shader = (tree.nodes.new(name) for name in ("ShaderNodeTexNoise", "ShaderNodeBump", kind))
+        noise.inputs["Scale"].default_value = 3.0
+        bump.inputs["Distance"].default_value = 0.6
+        tree.links.new(noise.outputs["Fac"], bump.inputs["Height"])
+        tree.links.new(bump.outputs[0], shader.inputs["Normal"])
+        tree.links.new(shader.outputs[0], output.inputs["Surface"])
+        stage.add_ball(scene, f"Ball {number}", 0.7, material, (1.6 * number - 0.8, 0.0, 0.0))
+
+
+def radial_tiling(scene):
+    """Boards of sharp, rounded and broken segments."""
+    for number, (sides, roundness) in enumerate(((5.0, 0.0), (3.6, 0.4), (7.3, 1.0))):
+        material, tree, output = stage.hunt.new_material(f"Tiles {number}")
+        tiling, shader = (tree.nodes.new(name) for name in ("ShaderNodeRadialTiling", "ShaderNodeBsdfDiffuse"))
+        tiling.normalize = True
+        tiling.inputs["Sides"].default_value, tiling.inputs["Roundness"].default_value = sides, roundness
+        coordinates = tree.nodes.new("ShaderNodeTexCoord")
+        tree.links.new(coordinates.outputs["Normal"], tiling.inputs["Vector"])
+        tree.links.new(tiling.outputs["Segment Coordinates"], shader.inputs["Color"])
+        tree.links.new(shader.outputs[0], output.inputs["Surface"])
+        ball = stage.add_ball(scene, f"Ball {number}", 0.55, material, (1.2 * (number - 1), 0.0, 0.0))
+        ball.rotation_euler = (1.3, 0.0, 0.0)
+
+
+SCENES = {build.__name__: build for build in (looking_around, thin_films, sky_on_a_dome, steep_bumps)}
 if hasattr(bpy.types, "ShaderNodeRaycast"):
     SCENES["raycast"] = raycast
+if hasattr(bpy.types, "ShaderNodeRadialTiling"):
+    SCENES["radial_tiling"] = radial_tiling
 if bpy.app.version >= (5, 3, 0):
     SCENES["dispersion"] = dispersion

@@ -106,6 +106,7 @@ class SceneBuilder:
         visibility: Sequence[bool] = (True, True, True, True),
         visible_volume_scatter: bool = True,
         visible_shadow: bool = True,
+        visible_raycast: bool = True,
         is_holdout: bool = False,
         is_shadow_catcher: bool = False,
         links: tuple[list[int] | None, list[int] | None] | None = None,
@@ -170,8 +171,10 @@ class SceneBuilder:
         *,
         encoding: Literal["srgb", "linear"] = "srgb",
         alpha: Literal["straight", "premultiplied", "channel_packed", "none"] = "straight",
+        size: tuple[int | None, float] | None = None,
     ) -> int:
-        """RGBA texels [height, width, 4], bottom row first."""
+        """RGBA texels [height, width, 4], bottom row first. `size`: most texels along a side, and the largest share of
+        them; sides are halved until both hold."""
 
     def add_texture_file(
         self,
@@ -181,10 +184,11 @@ class SceneBuilder:
         colors: Literal["srgb", "linear", "data"] = "srgb",
         alpha: Literal["straight", "premultiplied", "channel_packed", "none"] = "straight",
         scene_from_rec709: Matrix3 | None = None,
+        size: tuple[int | None, float] | None = None,
     ) -> int | None:
         """The texels that Blender has of a picture file, or of its bytes: PNG, JPEG, OpenEXR, TIFF or Radiance; None if
         it is none that can be read. `colors`: what its values stand for. `scene_from_rec709`: into the scene's linear
-        space, where that is another."""
+        space, where that is another. `size` is that of `add_texture`."""
 
     def set_camera(self, json: str) -> None:
         """A Blender camera in the JSON form of `relume_scene::BlenderCamera`."""

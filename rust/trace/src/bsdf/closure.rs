@@ -1,5 +1,6 @@
 use glam::Vec3;
 use relume_dump::Lobe;
+use relume_scene::BumpShadowing;
 
 use super::frame::{cosine_pdf, sample_cosine};
 use super::normal::{SampleReach, SideNormals, bump_shadowing};
@@ -16,6 +17,8 @@ pub struct Closure {
     pub normal: Vec3,
     /// The model.
     pub scatter: Scatter,
+    /// Dimming of what it reflects diffusely about a bent normal.
+    pub bumps: BumpShadowing,
 }
 
 /// Scattering models, white.
@@ -187,7 +190,7 @@ impl Closure {
             Scatter::Velvet(model) => (model.sample([u[0], u[1]]), Lobe::Diffuse, false),
             Scatter::Toon(model) => (model.sample([u[0], u[1]]), toon_lobe(model), false),
         };
-        let reach = sides.reach(wi, lobe == Lobe::Transmission)?;
+        let reach = self.reach(sides, wi, lobe == Lobe::Transmission)?;
         let transmitted = if lobe == Lobe::Transmission { 1.0 } else { 0.0 };
         if singular {
             let mirrored =
@@ -318,13 +321,24 @@ impl Closure {
         }
     }
 
+    /// [`SideNormals::reach`]. A translucent closure whose normal is turned away from the ray is lit from the ray's side: as in
+    /// Cycles, by lights alone.
+    pub(super) fn reach(&self, sides: SideNormals, wi: Vec3, transmission: bool) -> Option<SampleReach> {
+        let is_lit = || {
+            matches!(self.scatter, Scatter::Translucent | Scatter::RoughTranslucent(_))
+                && sides.shading.dot(self.normal) < 0.0
+                && self.shadowing(sides.shading, wi) > 0.0
+        };
+        sides.reach(wi, transmission).or_else(|| is_lit().then_some(SampleReach::Lights))
+    }
+
     /// A direction mirrored in the surface: what goes through a sheet is what a mirror in it would reflect.
     fn mirrored(&self, direction: Vec3) -> Vec3 {
         direction - self.normal * (2.0 * self.normal.dot(direction))
     }
 
     fn shadowing(&self, smooth: Vec3, wi: Vec3) -> f32 {
-        bump_shadowing(smooth, self.normal, wi)
+        bump_shadowing(self.bumps, smooth, self.normal, wi)
     }
 }
 

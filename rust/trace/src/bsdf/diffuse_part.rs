@@ -1,6 +1,7 @@
 //! Diffuse reflection of a surface apart from the rest: the closures of [`relume_dump::Lobe::Diffuse`].
 
 use glam::Vec3;
+use relume_scene::BumpShadowing;
 
 use super::normal::{Terminator, bump_shadowing};
 use super::{Closure, Scatter, Surface};
@@ -9,7 +10,7 @@ use super::{Closure, Scatter, Surface};
 #[derive(Clone, Debug)]
 pub(crate) enum DiffusePart {
     /// Lambert's law about one normal: `weight` is the sum of the closures' weights.
-    Lambert { weight: Vec3, normal: Vec3 },
+    Lambert { weight: Vec3, normal: Vec3, bumps: BumpShadowing },
     /// Other laws, or several normals.
     Closures(DiffuseClosures),
 }
@@ -52,13 +53,14 @@ impl Surface {
             closure.is_diffuse() && !is_behind
         };
         let mut closures = self.closures.iter().filter(reflects);
-        let normal = closures.clone().next()?.normal;
+        let Closure { normal, bumps, .. } = *closures.clone().next()?;
         let is_lambert =
             |closure: &Closure| matches!(closure.scatter, Scatter::Diffuse) && closure.normal == normal;
         if self.terminator.is_at_horizon() && closures.clone().all(is_lambert) {
             return Some(DiffusePart::Lambert {
                 weight: closures.map(|closure| closure.weight).sum(),
                 normal,
+                bumps,
             });
         }
         Some(DiffusePart::Closures(DiffuseClosures {
@@ -71,6 +73,6 @@ impl Surface {
 }
 
 /// `f |cos|` of Lambert's law of reflectance 1 about `normal`, which may be bent from the surface's `shading_normal`.
-pub(crate) fn lambert(shading_normal: Vec3, normal: Vec3, wi: Vec3) -> f32 {
-    normal.dot(wi).max(0.0) * std::f32::consts::FRAC_1_PI * bump_shadowing(shading_normal, normal, wi)
+pub(crate) fn lambert(bumps: BumpShadowing, shading_normal: Vec3, normal: Vec3, wi: Vec3) -> f32 {
+    normal.dot(wi).max(0.0) * std::f32::consts::FRAC_1_PI * bump_shadowing(bumps, shading_normal, normal, wi)
 }

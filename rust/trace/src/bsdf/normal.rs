@@ -1,6 +1,7 @@
 //! Corrections of shading normals so that they do not show as artefacts.
 
 use glam::Vec3;
+use relume_scene::BumpShadowing;
 
 /// The normals that tell one side of a surface from the other, on the side of the ray that met it.
 #[derive(Clone, Copy, Debug)]
@@ -56,22 +57,26 @@ pub fn ensure_valid_reflection(geometric_normal: Vec3, wo: Vec3, normal: Vec3) -
     x * (1.0 - z_squared).max(0.0).sqrt() + geometric_normal * z_squared.max(0.0).sqrt()
 }
 
-/// Softens the terminator that a bent `normal` moves, for diffuse closures: Chiang, Li and Burley, "Taming the
-/// Shadow Terminator" (2019), relative to the unbent shading normal `smooth`.
-pub fn bump_shadowing(smooth: Vec3, normal: Vec3, wi: Vec3) -> f32 {
+/// Softens the terminator that a bent `normal` moves, for diffuse closures, relative to the unbent shading normal `smooth`.
+pub fn bump_shadowing(kind: BumpShadowing, smooth: Vec3, normal: Vec3, wi: Vec3) -> f32 {
     if smooth == normal {
         return 1.0;
     }
-    let cos = normal.dot(wi);
-    let smooth = if cos < 0.0 { -smooth } else { smooth };
-    let denominator = cos * smooth.dot(normal);
-    let g = if denominator == 0.0 { 0.0 } else { smooth.dot(wi) / denominator };
-    if g >= 1.0 {
-        1.0
-    } else if g < 0.0 {
-        0.0
-    } else {
-        g + g * g * (1.0 - g)
+    let [cos_smooth, cos_bend, cos_normal] = [smooth.dot(wi), smooth.dot(normal), normal.dot(wi)];
+    match kind {
+        BumpShadowing::Cosines => {
+            let denominator = cos_normal * cos_bend;
+            let g = if denominator == 0.0 { 0.0 } else { cos_smooth / denominator };
+            let g = g.clamp(0.0, 1.0);
+            g + g * g * (1.0 - g)
+        }
+        _ if cos_smooth * cos_bend * cos_normal < 0.0 => 0.0,
+        BumpShadowing::Off => 1.0,
+        BumpShadowing::Facets => {
+            let squared_tangent = |cos: f32| (1.0 / (cos * cos).max(1e-12) - 1.0).max(0.0);
+            let alpha_squared = (0.125 * squared_tangent(cos_bend)).min(1.0);
+            2.0 / (1.0 + (1.0 + alpha_squared * squared_tangent(cos_smooth)).sqrt())
+        }
     }
 }
 
@@ -164,12 +169,28 @@ mod tests {
 
     #[test]
     fn shadowing_is_one_without_bump_and_never_above() {
-        assert_eq!(bump_shadowing(Vec3::Z, Vec3::Z, Vec3::X), 1.0);
         let normal = Vec3::new(0.6, 0.0, 0.8);
-        for i in 0..=20 {
-            let angle = i as f32 / 20.0 * std::f32::consts::PI;
-            let g = bump_shadowing(Vec3::Z, normal, Vec3::new(angle.cos(), 0.0, angle.sin()));
-            assert!((0.0..=1.0).contains(&g));
+        for kind in [BumpShadowing::Cosines, BumpShadowing::Facets, BumpShadowing::Off] {
+            assert_eq!(bump_shadowing(kind, Vec3::Z, Vec3::Z, Vec3::X), 1.0);
+            for i in -20..=20 {
+                let angle = i as f32 / 20.0 * std::f32::consts::PI;
+                let wi = Vec3::new(angle.cos(), 0.0, angle.sin());
+                let g = bump_shadowing(kind, Vec3::Z, normal, wi);
+                assert!((0.0..=1.0).contains(&g));
+                assert!(
+                    wi.z > -1e-6 || wi.dot(normal) < 0.0 || g == 0.0,
+                    "{kind:?} {angle}: light from behind"
+                );
+            }
         }
+    }
+
+    #[test]
+    fn facets_dim_less_than_cosines_and_nothing_where_it_is_off() {
+        let (normal, wi) = (Vec3::new(0.5, 0.0, 0.75_f32.sqrt()), Vec3::new(0.75_f32.sqrt(), 0.0, 0.5));
+        let of = |kind| bump_shadowing(kind, Vec3::Z, normal, wi);
+        assert!((of(BumpShadowing::Cosines) - 0.8148).abs() < 1e-3);
+        assert!((of(BumpShadowing::Facets) - 0.9706).abs() < 1e-3);
+        assert_eq!(of(BumpShadowing::Off), 1.0);
     }
 }

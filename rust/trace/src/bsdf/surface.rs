@@ -1,6 +1,6 @@
 use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
-use relume_scene::MOST_RADIANCE;
+use relume_scene::{BumpShadowing, MOST_RADIANCE};
 
 use super::classes::{Classes, Part};
 use super::closure::{Closure, Scatter, Sharpness};
@@ -62,6 +62,8 @@ pub struct Surface {
     /// True if there is a [`Scatter::Subsurface`].
     pub(super) has_body: bool,
     pub(super) terminator: Terminator,
+    /// Of closures that are added from now on.
+    bumps: BumpShadowing,
     /// True if one of the closures is hair.
     scatters_around: bool,
     /// Scratch for the values of shader nodes.
@@ -82,6 +84,7 @@ impl Default for Surface {
             is_after_diffuse: false,
             has_body: false,
             terminator: Terminator::default(),
+            bumps: BumpShadowing::default(),
             scatters_around: false,
             values: Vec::new(),
         }
@@ -138,6 +141,11 @@ impl Surface {
         self.terminator = Terminator::new(offset);
     }
 
+    /// Sets how bent normals dim diffuse closures that are added from now on.
+    pub(crate) fn shadow_bumps(&mut self, bumps: BumpShadowing) {
+        self.bumps = bumps;
+    }
+
     /// Adds a closure unless its weight is negligible or the surface is full; negative weights are taken for none.
     /// `albedo` is the model's own, see [`Closure::sample_weight`]. Returns whether it was added.
     pub fn add(&mut self, weight: Vec3, albedo: Vec3, normal: Vec3, scatter: Scatter) -> bool {
@@ -166,7 +174,7 @@ impl Surface {
             return false;
         }
         let sample_weight = (weight * albedo).element_sum() / 3.0;
-        let closure = Closure { weight, sample_weight, normal, scatter };
+        let closure = Closure { weight, sample_weight, normal, scatter, bumps: self.bumps };
         self.scatters_around |= closure.scatters_around();
         self.closures.push(closure);
         true
@@ -328,7 +336,7 @@ impl Surface {
             (hair.eval(wi).lobe(1.0 + rest / density), SampleReach::Path)
         } else {
             let lobe = closure.lobe_towards(wi);
-            (lobe, self.sides.reach(wi, lobe == Lobe::Transmission)?)
+            (lobe, closure.reach(self.sides, wi, lobe == Lobe::Transmission)?)
         };
         classes.share(value);
         Some(BsdfSample {

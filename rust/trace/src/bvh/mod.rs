@@ -324,7 +324,7 @@ pub(crate) fn visibility_bits(instance: &Instance) -> u8 {
     .into_iter()
     .fold(0, |bits, (visible, kind)| bits | u8::from(visible) << kind as u8);
     // What some ray sees, rays of nodes do.
-    bits | u8::from(bits != 0) << RayKind::Raycast as u8
+    bits | u8::from(bits != 0 && instance.visible_raycast) << RayKind::Raycast as u8
 }
 
 #[cfg(target_arch = "x86_64")]

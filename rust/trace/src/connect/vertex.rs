@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use relume_dump::{decode_direction, decode_rgb9e5, dither, encode_direction, encode_rgb9e5};
-use relume_scene::Scene;
+use relume_scene::{BumpShadowing, Scene};
 
 use crate::{
     bsdf::{DiffuseClosures, DiffusePart, SampleReach, SideNormals, Surface, lambert},
@@ -35,6 +35,8 @@ pub struct DiffuseVertex {
     depths: [u8; 5],
     /// Number of transparent surfaces that may lie before a light.
     transparent_left: u8,
+    /// Dimming of Lambert's closures about a bent normal.
+    bumps: BumpShadowing,
 }
 
 /// Parts that few vertices have.
@@ -59,9 +61,11 @@ impl DiffuseVertex {
         (weight, receiver): (Vec3, u16),
         (point, surface): (&SurfacePoint, &Surface),
     ) -> Option<Self> {
-        let (reflectance, normal, closures) = match surface.diffuse_part()? {
-            DiffusePart::Lambert { weight, normal } => (weight, normal, None),
-            DiffusePart::Closures(closures) => (Vec3::ONE, closures.normal(), Some(closures)),
+        let (reflectance, normal, closures, bumps) = match surface.diffuse_part()? {
+            DiffusePart::Lambert { weight, normal, bumps } => (weight, normal, None, bumps),
+            DiffusePart::Closures(closures) => {
+                (Vec3::ONE, closures.normal(), Some(closures), BumpShadowing::default())
+            }
         };
         let mut above = Ray::new(point.position, point.geometric_normal);
         offset_origin(&mut above, point);
@@ -85,6 +89,7 @@ impl DiffuseVertex {
             receiver,
             depths: depths.map(byte),
             transparent_left: byte(path.transparent_left(limits)),
+            bumps,
         })
     }
 
@@ -122,7 +127,7 @@ impl DiffuseVertex {
         let (geometric, shading) = (decode_direction(self.geometric), decode_direction(self.shading));
         let rare = self.rare.as_ref();
         let reflectance = match rare.and_then(|rare| rare.closures.as_ref()) {
-            None => Vec3::splat(lambert(shading, self.normal(), wi)),
+            None => Vec3::splat(lambert(self.bumps, shading, self.normal(), wi)),
             Some(closures) => closures.eval(wi),
         };
         let reflected = decode_rgb9e5(self.weight) * reflectance;

@@ -191,6 +191,7 @@ impl PreparedMaterials {
             surface.add(Vec3::splat(0.8), Vec3::ONE, point.shading_normal, Scatter::Diffuse);
             return;
         };
+        surface.shadow_bumps(scene.materials[material].bump_shadowing);
         let graph = &self.graphs[material];
         if let Some(root) = graph.surface {
             let context = ShadingContext { prepared: self, scene, graph, point, assumed: &[], probes };

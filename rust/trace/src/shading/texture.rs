@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use glam::{Vec3, Vec4};
-use relume_scene::{Alpha, ColorEncoding, Extension, Interpolation, Texels, Texture};
+use relume_scene::{Alpha, ColorEncoding, Extension, Interpolation, Texels, Texture, associate};
 
 /// Part of an image that does not depend on where it is sampled.
 #[derive(Debug)]
@@ -64,11 +64,6 @@ impl PreparedTexture {
         }
         value
     }
-}
-
-fn associate(texel: &[u8]) -> [u8; 4] {
-    let by_alpha = |c: u8| ((u32::from(c) * u32::from(texel[3])) / 255) as u8;
-    [by_alpha(texel[0]), by_alpha(texel[1]), by_alpha(texel[2]), texel[3]]
 }
 
 /// Decodes sRGB by a table that is linear between 4096 steps (error below 2e-7 of full scale above the toe).

@@ -6,6 +6,7 @@ mod gabor;
 mod hash;
 mod noise;
 mod patterns;
+mod radial_tiling;
 mod voronoi;
 
 use glam::{Vec3, Vec4};
@@ -56,6 +57,14 @@ pub fn evaluate(texture: &Procedural, at: Vec3, inputs: &impl NodeInputs, colore
                 Dimensions::Three => gabor::space(at, &waves, color(direction).normalize()),
                 _ => gabor::plane(at.truncate(), &waves, float(orientation)),
             }
+        }
+        Procedural::RadialTiling { normalize, segment, sides, roundness, .. } => {
+            let polygon = radial_tiling::Polygon {
+                sides: float(sides).max(2.0),
+                roundness: float(roundness).clamp(0.0, 1.0),
+                normalize: *normalize,
+            };
+            if *segment { polygon.segment(at.truncate()) } else { polygon.coordinates(at.truncate()) }
         }
         Procedural::Magic { depth, scale, distortion, .. } => {
             patterns::magic(at * float(scale), *depth, float(distortion))
