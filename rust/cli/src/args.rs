@@ -261,6 +261,9 @@ pub struct PictureArgs {
     /// Do not denoise what is gathered.
     #[arg(long)]
     pub no_denoise: bool,
+    /// Names of the EXR's channels.
+    #[arg(long, value_enum, default_value_t)]
+    pub layout: LayoutArg,
     /// 32-bit floats in the EXR instead of 16-bit ones.
     #[arg(long)]
     pub float: bool,
@@ -285,6 +288,16 @@ pub struct RelightArgs {
     pub method: MethodArg,
     #[command(flatten)]
     pub picture: PictureArgs,
+}
+
+/// Names of the channels of an EXR.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum LayoutArg {
+    /// As Blender writes them: ViewLayer.Combined.R.
+    #[default]
+    Blender,
+    /// For Nuke, Fusion and Natron: R of the picture, Combined_Key.R of its layers, without spaces.
+    Plain,
 }
 
 /// Source of a light's picture.

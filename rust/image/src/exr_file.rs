@@ -14,7 +14,7 @@ use std::path::Path;
 pub struct Layer {
     /// Blender view layer; empty for plain images.
     pub view_layer: String,
-    /// Pass name, e.g. `Combined` or `Combined_Key`; dots become underscores in a file.
+    /// Pass name, e.g. `Combined` or `Combined_Key`; dots become underscores in a file. Empty for the picture of a plain image.
     pub name: String,
     /// Channel names, one for each channel of the image, e.g. `R`, `G`, `B`.
     pub channels: Vec<String>,
@@ -140,11 +140,8 @@ fn channels(
 /// Blender replaces dots in the names of passes too, because they separate the parts of the name.
 fn channel_name(layer: &Layer, channel: &str) -> String {
     let pass = layer.name.replace('.', "_");
-    if layer.view_layer.is_empty() {
-        format!("{pass}.{channel}")
-    } else {
-        format!("{}.{pass}.{channel}", layer.view_layer)
-    }
+    let parts = [&*layer.view_layer, &*pass, channel];
+    parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(".")
 }
 
 fn samples(image: &Image, channel: usize, full: bool) -> exr::FlatSamples {

@@ -6,7 +6,7 @@
 //! train(folder, folder, &train_settings, resume, &Compute::default(), &monitor)?;     // proxy_<kind>.safetensors and how it measured
 //! let relighter = Relighter::open(folder)?;                      // a bake, or proxies alone
 //! let relit = relighter.relight(&lights, &RelightOptions::default(), &monitor)?;
-//! relit.write_exr(path, Precision::Half)?;  relit.write_png(path, &relighter.view(&monitor), BitDepth::Eight)?;
+//! relit.write_exr(path, ExrLayout::Blender, Precision::Half)?;  relit.write_png(path, &relighter.view(&monitor), BitDepth::Eight)?;
 //! solve_lights(&[&relighter], &SolveRequest::parse(json)?, &Pictures::in_folder(folder), &monitor, &|_| ())?.lights
 //! ```
 //!
@@ -65,7 +65,7 @@ pub use relight::denoise::Denoise;
 pub use relight::film::CatcherPlace;
 pub use relight::options::{PictureMix, RelightOptions};
 pub use relight::relighter::Relighter;
-pub use relight::relit::{Relit, RelitLight};
+pub use relight::relit::{ExrLayout, Relit, RelitLight};
 pub use relight::source::{Method, UnitSource};
 pub use solve::{
     Answer, Backend, BoundsOptions, FreeParam, GoalKind, GoalRegion, GoalReport, GoalRequest, InterimLights,

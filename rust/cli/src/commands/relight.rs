@@ -7,8 +7,8 @@ use relume_session::image::{BitDepth, Image, Precision, ViewTransform};
 use relume_session::live::{LiveRequest, RequestOptions};
 use relume_session::scene::World;
 use relume_session::{
-    Compute, LightSet, Method, RelightOptions, Relighter, Relit, RelitLight, SceneFile, Stage, UnitSource,
-    environment_texture,
+    Compute, ExrLayout, LightSet, Method, RelightOptions, Relighter, Relit, RelitLight, SceneFile, Stage,
+    UnitSource, environment_texture,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -106,7 +106,11 @@ impl Picture {
     pub fn write(&self, out: &Path, args: &PictureArgs, context: &CommandContext) -> anyhow::Result<Written> {
         let png = out.with_extension("png");
         let stage = context.monitor.stage(Stage::Write, 0, 2);
-        self.relit.write_exr(out, if args.float { Precision::Float } else { Precision::Half })?;
+        let layout = match args.layout {
+            args::LayoutArg::Blender => ExrLayout::Blender,
+            args::LayoutArg::Plain => ExrLayout::Plain,
+        };
+        self.relit.write_exr(out, layout, if args.float { Precision::Float } else { Precision::Half })?;
         stage.advance(1, "");
         let depth = if args.sixteen_bit { BitDepth::Sixteen } else { BitDepth::Eight };
         self.relit.write_png(&png, &self.view, depth)?;

@@ -4,6 +4,9 @@ use relume_image::{BitDepth, Image, Layer, LayeredImage, Precision, ViewTransfor
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
+/// Name of the layer that holds the picture.
+const COMBINED: &str = "Combined";
+
 /// One light's picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RelitLight {
@@ -13,6 +16,16 @@ pub struct RelitLight {
     pub image: Image,
     /// Source of its unit image.
     pub source: UnitSource,
+}
+
+/// Names of the channels of an EXR.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ExrLayout {
+    /// As Blender writes them: `ViewLayer.Combined.R`.
+    #[default]
+    Blender,
+    /// As other programs read them: `R` of the picture, `Combined_Key.R` of its layers, without spaces.
+    Plain,
 }
 
 /// A relit picture in layers, all scene-linear.
@@ -65,7 +78,7 @@ impl Relit {
         let combined = self.combined_rgba();
         let (width, height) = (combined.width, combined.height);
         let mut layers = vec![
-            Layer::color("Combined", combined),
+            Layer::color(COMBINED, combined),
             Layer::color("static", self.static_light.clone()),
             Layer::color("world", self.world.clone()),
             Layer::color("albedo", self.albedo.clone()),
@@ -92,8 +105,21 @@ impl Relit {
     }
 
     /// Writes the multi-layer EXR, atomically.
-    pub fn write_exr(&self, path: &Path, precision: Precision) -> Result<(), SessionError> {
-        Ok(write_exr(path, &self.layers(), precision)?)
+    pub fn write_exr(
+        &self,
+        path: &Path,
+        layout: ExrLayout,
+        precision: Precision,
+    ) -> Result<(), SessionError> {
+        let mut image = self.layers();
+        if layout == ExrLayout::Plain {
+            for layer in &mut image.layers {
+                let is_picture = layer.name == COMBINED;
+                layer.name = if is_picture { String::new() } else { layer.name.replace(' ', "_") };
+                layer.view_layer.clear();
+            }
+        }
+        Ok(write_exr(path, &image, precision)?)
     }
 
     /// Writes the combined picture as PNG, atomically; transparent where the film is.
@@ -160,5 +186,16 @@ mod tests {
         assert_eq!(about["lights"]["Key_001_2"], "proxy");
         let folder = tempfile::tempdir().unwrap();
         write_exr(&folder.path().join("a.exr"), &layers, Precision::Half).unwrap();
+    }
+
+    #[test]
+    fn plain_files_have_the_picture_without_a_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        relit(&["Key light"]).write_exr(&path, ExrLayout::Plain, Precision::Half).unwrap();
+        let bytes = std::fs::read(path).unwrap();
+        let has = |name: &[u8]| bytes.windows(name.len()).any(|window| window == name);
+        assert!(has(b"\0A\0") && has(b"\0R\0") && has(b"\0Combined_Key_light.R\0") && has(b"\0depth.Z\0"));
+        assert!(!has(b"ViewLayer") && !has(b"Combined."));
     }
 }
