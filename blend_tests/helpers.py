@@ -146,7 +146,7 @@ def render_cycles(scene, samples=64, channels=3, **settings):
 
 
 def both_lit(scene, folder, samples, channels=3):
-    """Pictures of a scene by Relume, baked into a folder without a warning, and by Cycles, from below up."""
+    """Pictures of a scene by Relume, baked into a folder without a warning, and by Cycles; both from below up."""
     bpy.context.view_layer.update()
     loaded = load_scene(scene)
     assert loaded.warnings == []

@@ -368,7 +368,7 @@ def test_a_bake_that_was_begun_under_a_darker_world_is_relit_as_the_present_one(
 @pytest.fixture
 def under_sky(lit, monkeypatch):
     """A bake under a sky that an empty turns, which nobody renders."""
-    monkeypatch.setattr(worlds, "rendered", lambda _world, _stop: np.ones((2, 4, 4), np.float32))
+    monkeypatch.setattr(worlds, "rendered", lambda _world, _size, _stop: np.ones((2, 4, 4), np.float32))
     lit.world = bpy.data.worlds.new("World")
     if bpy.app.version < (5, 2, 0):
         lit.world.use_nodes = True

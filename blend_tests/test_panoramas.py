@@ -57,7 +57,7 @@ def both(scene, folder):
     """RGBA by Relume and by Cycles."""
     scene.render.image_settings.color_mode = "RGBA"
     ours, theirs = both_lit(scene, folder, SAMPLES, channels=4)
-    return ours, theirs[::-1]
+    return ours[::-1], theirs[::-1]
 
 
 @pytest.mark.parametrize("kind", PANORAMAS)
