@@ -457,7 +457,9 @@ def test_all_operators_are_compared(registered_for_all_files):
         "set_up_compositing",
         "contact_sheet",
         "save_sheet",
-    }  # test_start.py, test_mix.py, test_shot_baking.py, ...
+        "farm_write",
+        "farm_collect",
+    }  # test_start.py, test_mix.py, test_shot_baking.py, test_farm.py, ...
     assert set(dir(bpy.ops.relume)) - compared == OF_THE_WINDOW
 
 
