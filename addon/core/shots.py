@@ -87,7 +87,7 @@ def problems(
     elsewhere: Mapping[Path, str],
     is_there: Callable[[Path], bool] = is_bake,
 ) -> dict[str, str]:
-    """What keeps shots from being baked, in words, by their keys. `cameras` and `layers` are those of the scene,
+    """Reasons that keep shots from being baked, in words, by their keys. `cameras` and `layers` are those of the scene,
     `elsewhere` the folders of other scenes' shots, with words for whose; `is_there` is called like `is_bake`."""
     found: dict[str, str] = {}
     taken: dict[Path, str] = {}

@@ -31,7 +31,7 @@ class DataPassSettings:
     object_index: bool = False
     material_index: bool = False
     mattes: tuple[str, ...] = ()
-    """Of `MATTES`."""
+    """Names out of `MATTES`."""
     ranks: int = DEFAULT_RANKS
     """Objects or materials that a matte tells apart in a pixel; an even number."""
     alpha_threshold: float = 0.5

@@ -144,7 +144,7 @@ class BackgroundBake(BackgroundJob):
 
     @property
     def done_words(self) -> str:
-        """Where the bake is."""
+        """Words that say where the bake is."""
         return f"The background bake is ready in '{self.folder}'"
 
     def _go_on(self) -> None:
@@ -194,7 +194,7 @@ class Batch:
         self.baked: list[str] = []
         """Names of the shots that are done."""
         self.failures: dict[str, str] = {}
-        """What went wrong, by the names of the shots."""
+        """Errors by the names of the shots."""
         self.job: BackgroundBake | None = None
         self._copy: SavedCopy | None = SavedCopy(scene)
 

@@ -18,7 +18,7 @@ FARMS = {
     "slurm": ("Slurm", "slurm.sh, which submits the job"),
     "make": ("Make", "A Makefile, for this machine"),
 }
-"""What is written for a farm: name and description, by the native module's word."""
+"""Files for farms: name and description, by the native module's word."""
 PLAN = "plan.json"
 
 
@@ -58,7 +58,7 @@ class FarmWriting(BackgroundJob):
 
     @property
     def done_words(self) -> str:
-        """Where the job is."""
+        """Words that say where the job is."""
         return f"The job of {self.result.get('parts', 0)} parts is in '{self.folder}'"
 
 
@@ -82,7 +82,7 @@ class FarmCollecting(BackgroundJob):
 
     @property
     def done_words(self) -> str:
-        """What has come home."""
+        """Words that say what has come home."""
         return f"All {len(self.result.get('bakes', ()))} bakes in '{self.folder}' are complete"
 
 

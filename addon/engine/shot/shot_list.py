@@ -63,7 +63,8 @@ def all_shots(scene: bpy.types.Scene) -> list[ListedShot]:
 
 
 def problems(scene: bpy.types.Scene, is_there: Callable[[Path], bool] = is_bake) -> dict[str, str]:
-    """What keeps shots of a scene from being baked, in words, by their keys. `is_there` is called like `is_bake`."""
+    """Reasons that keep shots of a scene from being baked, in words, by their keys. `is_there` is called like
+    `is_bake`."""
     cameras = {obj.name for obj in scene.objects if obj.type == "CAMERA"}
     elsewhere: dict[Path, str] = {}
     for other in bpy.data.scenes:

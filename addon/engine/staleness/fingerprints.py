@@ -322,8 +322,8 @@ def _material(material: bpy.types.Material) -> Fingerprint:
         found = {"nodes": hashed(tree(used) if method == "BUMP" else [tree(used), method])}
     if sampling := sampling_settings(material):
         found["sampling"] = hashed(sampling)
-    if (bumps := bump_shadowing(material)) == "off":
-        found["bumps"] = bumps
+    if bump_shadowing(material) == "off":
+        found["bumps"] = "off"
     return found
 
 

@@ -22,7 +22,7 @@ IMAGE = "Relume Contact Sheet"
 _running: dict[int, Sheet] = {}
 """Sheets that are being made, by the session uids of their scenes."""
 _failures: dict[int, str] = {}
-"""What went wrong with the newest sheet of a scene."""
+"""Error of the newest sheet of a scene."""
 
 
 class Sheet:
@@ -54,7 +54,7 @@ class Sheet:
         return self.job.done
 
     def words(self) -> str:
-        """What went wrong, for the artist; empty where all is well. The sheet is there if any shot has a picture."""
+        """Error for the artist; empty where all is well. The sheet is there if any shot has a picture."""
         try:
             self.job.result()
         except Exception as error:
@@ -90,7 +90,7 @@ def progress(scene: bpy.types.Scene) -> tuple[float, str] | None:
 
 
 def failure(scene: bpy.types.Scene) -> str:
-    """What went wrong with the newest sheet of a scene; empty where all is well."""
+    """Error of the newest sheet of a scene; empty where all is well."""
     return _failures.get(scene.session_uid, "")
 
 

@@ -103,7 +103,7 @@ pub struct PlanArgs {
 pub enum Farm {
     /// Open Job Description: template.json.
     Openjd,
-    /// The same for farms that give several parts to a machine at a time.
+    /// Open Job Description for farms that give several parts to a machine at a time.
     OpenjdChunks,
     /// Flamenco 3: a job type, which plans by itself.
     Flamenco,

@@ -210,7 +210,7 @@ impl Dump {
     }
 }
 
-/// What is wrong with one shard.
+/// Fault of one shard.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ShardFault {
     /// Tile number.

@@ -9,9 +9,9 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use relume_dump::Lobe;
+use relume_dump::{Flags, Lobe};
 
-use crate::light::{Plane, Profile};
+use crate::light::{Plane, PreparedLight, Profile};
 
 /// Mean density of the directions in which diffuse surfaces reflect, per steradian.
 const DIFFUSE_DENSITY: f32 = 0.5 * FRAC_1_PI;
@@ -46,6 +46,18 @@ impl CrossedShares {
         }
         let ratio = self.diffuse * distance2(profile, place);
         1.0 / (1.0 + ratio * ratio)
+    }
+}
+
+impl PreparedLight {
+    /// The light as one that is connected, too.
+    pub(crate) fn balanced(self, balance: Balance) -> Self {
+        Self { crossed: CrossedShares::new(balance, &self.profile, self.area_scale), ..self }
+    }
+
+    /// Share of what a segment from `origin` sees that counts by crossings.
+    pub(crate) fn crossed_share(&self, flags: Flags, origin: Vec3) -> f32 {
+        flags.lobe().map_or(0.0, |lobe| self.crossed.at(lobe, &self.profile, origin))
     }
 }
 

@@ -10,7 +10,7 @@ use relume_dump::{Lobe, RECEIVER_LIMIT};
 use relume_scene::{Light, LightShape, LobeFactors};
 
 use crate::GatherError;
-use crate::balance::{Balance, CrossedShares};
+use crate::balance::CrossedShares;
 use crate::emission_map::PreparedMap;
 use crate::piece::RayPiece;
 use crate::sheared::Sheared;
@@ -35,7 +35,7 @@ pub struct PreparedLight {
     /// Shares that count by crossings.
     pub(crate) crossed: CrossedShares,
     /// True area by that of the profile.
-    area_scale: f32,
+    pub(crate) area_scale: f32,
 }
 
 /// Geometry and emission profile.
@@ -184,11 +184,6 @@ impl PreparedLight {
         })
     }
 
-    /// The light as one that is connected, too.
-    pub(crate) fn balanced(self, balance: Balance) -> Self {
-        Self { crossed: CrossedShares::new(balance, &self.profile, self.area_scale), ..self }
-    }
-
     /// True if a receiver is lit.
     pub(crate) fn lights(&self, receiver: u16) -> bool {
         let is_lit = |bits: &[u64]| bits[usize::from(receiver / 64)] >> (receiver % 64) & 1 != 0;
@@ -200,11 +195,6 @@ impl PreparedLight {
         let Some(lobe) = flags.lobe() else { return 0.0 };
         // Camera rays leave no object; light linking does not concern them.
         if lobe == Lobe::Camera || self.lights(flags.receiver()) { self.factors[lobe as usize] } else { 0.0 }
-    }
-
-    /// Share of what a segment from `origin` sees that counts by crossings.
-    pub(crate) fn crossed_share(&self, flags: relume_dump::Flags, origin: Vec3) -> f32 {
-        flags.lobe().map_or(0.0, |lobe| self.crossed.at(lobe, &self.profile, origin))
     }
 }
 

@@ -106,7 +106,7 @@ fn paste(sheet: &mut Image, image: &Image, left: usize, top: usize, (width, heig
     }
 }
 
-/// As much of a line as fits below a picture; dots where there is more.
+/// The part of a line that fits below a picture; dots where there is more.
 fn cut(text: &str, width: usize, scale: usize) -> String {
     let most = width / (ADVANCE * scale);
     if text.chars().count() <= most {

@@ -36,7 +36,7 @@ pub struct Material {
     /// samples nothing of a ray's kind.
     #[serde(default, skip_serializing_if = "is_false")]
     pub unsampled_emission: bool,
-    /// How normals that bumps and maps have bent dim diffuse reflection.
+    /// Law by which normals that bumps and maps have bent dim diffuse reflection.
     #[serde(default, skip_serializing_if = "BumpShadowing::is_default")]
     pub bump_shadowing: BumpShadowing,
 }
@@ -48,7 +48,7 @@ pub enum BumpShadowing {
     /// By the ratio of cosines: Chiang, Li and Burley, "Taming the Shadow Terminator" (2019). Cycles' before Blender 4.5.
     #[default]
     Cosines,
-    /// As facets hide each other: Conty Estevez, Lecocq and Stein, "A Microfacet-Based Shadowing Function to Solve the Bump
+    /// Facets hide each other: Conty Estevez, Lecocq and Stein, "A Microfacet-Based Shadowing Function to Solve the Bump
     /// Terminator Problem" (2019). Cycles' from Blender 4.5 on.
     Facets,
     /// None, except that nothing comes from behind the surface (Cycles' Bump Map Correction switched off).

@@ -2,7 +2,7 @@
 
 use crate::{Alpha, ColorEncoding, Texels, Texture};
 
-/// How much of the size of images a scene keeps. Cycles halves their sides until both hold.
+/// Limit of the size of a scene's images. Cycles halves their sides until both hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureSize {
     /// Most pixels along a side.
@@ -12,7 +12,7 @@ pub struct TextureSize {
 }
 
 impl TextureSize {
-    /// How often the sides of an image of this size are halved.
+    /// Number of times that the sides of an image of this size are halved.
     fn halvings(self, width: usize, height: usize) -> u32 {
         let longest = width.max(height) as f32;
         let share = self.largest.map_or(self.share, |largest| self.share.min(largest as f32 / longest));

@@ -62,7 +62,7 @@ pub struct Surface {
     /// True if there is a [`Scatter::Subsurface`].
     pub(super) has_body: bool,
     pub(super) terminator: Terminator,
-    /// Of closures that are added from now on.
+    /// Law of closures that are added from now on.
     bumps: BumpShadowing,
     /// True if one of the closures is hair.
     scatters_around: bool,

@@ -24,7 +24,7 @@ pub struct Polygon {
 struct Half {
     /// From the corner to the middle of the side.
     width: f32,
-    /// Where the corner ends and the straight part begins.
+    /// Place where the corner ends and the straight part begins.
     bevel: f32,
     /// Roundness of the corner.
     roundness: f32,
@@ -86,7 +86,7 @@ struct Circle {
 }
 
 impl Circle {
-    /// Where a ray from the middle of the polygon leaves it.
+    /// Place where a ray from the middle of the polygon leaves it.
     fn reach(&self, angle: f32) -> f32 {
         let along = self.center.dot(Vec2::from_angle(angle));
         let half = along * along + self.radius * self.radius - self.center.length_squared();
