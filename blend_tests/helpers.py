@@ -14,6 +14,7 @@ from addon.engine.shot import shot
 from addon.export import ExportOptions, trace_settings
 from addon.live import rows
 from addon.live.scheduler import TICK_SECONDS, scheduler
+from addon.ui import background as jobs
 
 SECONDS = 120.0
 """How long pictures are waited for; other tests may keep the machine busy."""
@@ -154,6 +155,25 @@ def both_lit(scene, folder, samples, channels=3):
     picture = relume.Relighter(folder).relight(loaded.lights(), denoise=False)
     ours = np.concatenate([picture["combined"], picture["alpha"]], axis=-1)[::-1, :, :channels]
     return ours, render_cycles(scene, samples, channels=channels)
+
+
+def write_multilayer(scene, path):
+    """Makes final renders write all passes into an EXR, as floats."""
+    output = scene.render.image_settings
+    if hasattr(output, "media_type"):
+        output.media_type = "MULTI_LAYER_IMAGE"
+    output.file_format, output.exr_codec, output.color_depth = "OPEN_EXR_MULTILAYER", "NONE", "32"
+    scene.render.filepath = str(path)
+
+
+def ended(job, seconds=120):
+    """A background job, polled until it is over, as the window's timer does."""
+    deadline = time.monotonic() + seconds
+    while job.is_running and time.monotonic() < deadline:
+        jobs.tick()
+        time.sleep(0.02)
+    assert not job.is_running
+    return job
 
 
 def update():

@@ -19,7 +19,7 @@ from addon.engine.workers.process import Worker
 from addon.live import handlers
 from addon.ui import background as ui
 from addon.ui.start import start
-from helpers import add_light, add_material, add_quad
+from helpers import add_light, add_material, add_quad, ended
 
 
 @pytest.fixture
@@ -54,16 +54,6 @@ def train_for(seconds, monkeypatch):
     )
 
 
-def end(job, seconds=120):
-    """Polls until it is over, as the window's timer does."""
-    deadline = time.monotonic() + seconds
-    while job.is_running and time.monotonic() < deadline:
-        ui.tick()
-        time.sleep(0.02)
-    assert not job.is_running
-    return job
-
-
 def test_a_bake_is_made_beside_and_opened(room, tmp_path, no_training):
     temporary = os.listdir(bpy.app.tempdir)
     assert bpy.ops.relume.background_start() == {"FINISHED"}
@@ -71,7 +61,7 @@ def test_a_bake_is_made_beside_and_opened(room, tmp_path, no_training):
     with pytest.raises(RuntimeError, match="being baked in the background"):
         bpy.ops.relume.background_start()
     bpy.data.objects["Key"].location.x = 1.0  # The artist goes on working.
-    end(job)
+    ended(job)
     assert job.error == "" and job.done
     assert relume.info(tmp_path / "bake")["manifest"]["passes"]
     assert os.listdir(bpy.app.tempdir) == temporary
@@ -115,23 +105,23 @@ def test_a_stopped_bake_goes_on(room, tmp_path, no_training, stop):
         time.sleep(0.01)
     assert bpy.ops.relume.background_cancel(number=1) == {"CANCELLED"} and job.is_running
     stop(job)
-    end(job)
+    ended(job)
     if not job.done:  # Unless it was quicker than the signal.
         assert "again" in job.error
         before = {path: path.stat().st_mtime_ns for path in (tmp_path / "bake").glob("tile_*")}
-        assert end(background.start(room)).done
+        assert ended(background.start(room)).done
         assert all(path.stat().st_mtime_ns == time_ns for path, time_ns in before.items())
     info = relume.info(tmp_path / "bake")
     assert info["shards"][0] == info["shards"][1]
 
 
 def test_another_scene_in_the_folder_is_replaced_and_foreign_files_stay(room, tmp_path, no_training):
-    assert end(background.start(room)).done
+    assert ended(background.start(room)).done
     (tmp_path / "bake" / "notes.txt").write_text("mine")
     first = relume.info(tmp_path / "bake")["manifest"]["scene_hash"]
     room.camera.location.x += 1.0
     shot.close_all()
-    job = end(background.start(room))
+    job = ended(background.start(room))
     assert job.done, job.error
     assert relume.info(tmp_path / "bake")["manifest"]["scene_hash"] != first
     assert (tmp_path / "bake" / "notes.txt").read_text() == "mine"
@@ -156,7 +146,7 @@ def test_it_survives_another_file_and_ends_with_the_add_on(room, tmp_path):
 
 
 def test_two_scenes_do_not_share_a_folder(room, no_training):
-    assert end(ui.start(room)).done
+    assert ended(ui.start(room)).done
     other = room.copy()
     with pytest.raises(ProblemError, match="Another scene"):
         ui.start(other)
@@ -174,7 +164,7 @@ def test_the_scene_of_the_panel_is_baked(room, tmp_path, no_training):
     other.camera, other.relume.folder = room.camera, str(tmp_path / "other")
     other.relume.quality, other.relume.samples = "CUSTOM", 4
     other.render.resolution_x, other.render.resolution_y = 16, 8
-    assert end(ui.start(other)).error == ""
+    assert ended(ui.start(other)).error == ""
     assert size_of(tmp_path / "other") == (16, 8)
 
 
@@ -195,14 +185,14 @@ def test_no_bake_goes_beside_a_file_that_is_not_saved(room, monkeypatch, tmp_pat
 def test_only_a_bake_that_is_there_is_remembered(room, tmp_path, no_training):
     job = ui.start(room)
     assert remembered_bake(room) is None
-    assert end(job).done and remembered_bake(room) == tmp_path / "bake"
+    assert ended(job).done and remembered_bake(room) == tmp_path / "bake"
 
 
 def test_a_file_that_was_closed_meanwhile_shows_its_bake(room, tmp_path, no_training):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     job = ui.start(room)
     bpy.ops.wm.read_homefile(use_empty=True)
-    assert end(job).done
+    assert ended(job).done
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
     handlers.open_bakes()
     assert shot.of(bpy.context.scene).folder == tmp_path / "bake"
@@ -214,7 +204,7 @@ def test_what_fails_on_the_way_is_said_in_a_line(room, no_training, monkeypatch)
 
     job = ui.start(room)
     monkeypatch.setattr(job, "_kinds", fail)
-    assert "No space left" in end(job).error
+    assert "No space left" in ended(job).error
     temporary = os.listdir(bpy.app.tempdir)
     monkeypatch.setattr(background, "Worker", fail)
     with pytest.raises(RuntimeError, match="No space left") as told:
@@ -225,7 +215,7 @@ def test_what_fails_on_the_way_is_said_in_a_line(room, no_training, monkeypatch)
 def test_what_goes_wrong_is_said(room, tmp_path, no_training):
     (tmp_path / "file").write_text("not a folder")
     room.relume.folder = str(tmp_path / "file" / "bake")
-    job = end(background.start(room))
+    job = ended(background.start(room))
     assert not job.done and "file" in job.error
     room.camera = None
     with pytest.raises(RuntimeError, match="camera"):
@@ -238,7 +228,7 @@ def test_a_finished_bake_leaves_a_live_one_alone(room, tmp_path, no_training):
     room.relume.folder = str(tmp_path / "other")
     room.relume.samples = 60000
     live = start(room)
-    end(job)
+    ended(job)
     assert job.done and job.error == "" and shot.of(room) is live and live.is_working
     assert remembered_bake(room) == tmp_path / "other"
 
@@ -250,4 +240,4 @@ def test_a_finished_bake_that_cannot_be_opened_is_said(room, no_training, monkey
         raise RuntimeError("damaged")
 
     monkeypatch.setattr(ui, "open_bake", fail)
-    assert "damaged" in end(job).error
+    assert "damaged" in ended(job).error

@@ -10,7 +10,7 @@ import pytest
 import addon
 from addon.engine.render.data_passes import MATERIAL_INDEX, MATTES, OBJECT_INDEX, POSITION
 from exr import read_exr, read_fields
-from helpers import add_light, add_material, add_quad
+from helpers import add_light, add_material, add_quad, write_multilayer
 
 pytestmark = pytest.mark.every_version
 
@@ -47,11 +47,7 @@ def shot(scene, tmp_path):
     scene.relume.quality, scene.relume.samples = "CUSTOM", 64
     scene.relume.folder = str(tmp_path / "bake")
     scene.cycles.samples, scene.cycles.use_adaptive_sampling, scene.cycles.use_denoising = 64, False, False
-    output = scene.render.image_settings
-    if hasattr(output, "media_type"):
-        output.media_type = "MULTI_LAYER_IMAGE"
-    output.file_format, output.exr_codec, output.color_depth = "OPEN_EXR_MULTILAYER", "NONE", "32"
-    scene.render.filepath = str(tmp_path / "f12.exr")
+    write_multilayer(scene, tmp_path / "f12.exr")
     yield scene
     addon.unregister()
 

@@ -1,7 +1,5 @@
 """Bakes for a farm: the job of frames, its parts without Blender, and the panel that writes it and brings it home."""
 
-import time
-
 import bpy
 import pytest
 
@@ -14,7 +12,7 @@ from addon.engine.shot.checks import ProblemError
 from addon.engine.shot.farm import FARMS, job_folder
 from addon.engine.shot.options import remembered_bake
 from addon.ui import background, farm
-from helpers import add_light, add_material, add_quad
+from helpers import add_light, add_material, add_quad, ended
 
 
 @pytest.fixture
@@ -44,16 +42,6 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def end(job, seconds=120):
-    """Polls until it is over, as the window's timer does."""
-    deadline = time.monotonic() + seconds
-    while job.is_running and time.monotonic() < deadline:
-        background.tick()
-        time.sleep(0.02)
-    assert not job.is_running
-    return job
-
-
 @pytest.mark.every_version
 def test_frames_that_parts_have_traced_are_the_bakes_of_one_machine(room, tmp_path):
     job, tile = tmp_path / "job", ["--tile", "16"]
@@ -73,7 +61,7 @@ def test_the_panel_writes_the_job_beside_the_file_and_brings_it_home(room, tmp_p
     assert bpy.ops.relume.farm_write() == {"FINISHED"}
     with pytest.raises(BackgroundError, match="another job"):
         farm.bring_home(room)
-    written = end(background.background.of(room))
+    written = ended(background.background.of(room))
     folder = job_folder(room)
     assert written.done and "2 parts" in written.done_words, written.error
     assert folder.is_relative_to(tmp_path) and (folder / "slurm.sh").exists()
@@ -81,10 +69,10 @@ def test_the_panel_writes_the_job_beside_the_file_and_brings_it_home(room, tmp_p
 
     assert run(["work", str(folder), "--part", "1", "--quiet"]) == 0
     assert bpy.ops.relume.farm_collect() == {"FINISHED"}
-    incomplete = end(background.background.of(room))
+    incomplete = ended(background.background.of(room))
     assert "parts 2 are missing" in incomplete.error and shot.of(room) is None
     assert run(["work", str(folder), "--part", "2", "--quiet"]) == 0
-    home = end(farm.bring_home(room))
+    home = ended(farm.bring_home(room))
     assert home.done and "All 1 bakes" in home.done_words, home.error
     found = shot.of(room)
     assert found.folder == folder / "0001" == remembered_bake(room)

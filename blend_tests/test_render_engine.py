@@ -24,7 +24,17 @@ from addon.ui import render as ui
 from addon.viewport import rendered
 from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
-from helpers import add, add_light, add_material, add_quad, add_sky, add_world, instance_linked_light, sky_file
+from helpers import (
+    add,
+    add_light,
+    add_material,
+    add_quad,
+    add_sky,
+    add_world,
+    instance_linked_light,
+    sky_file,
+    write_multilayer,
+)
 
 pytestmark = pytest.mark.every_version
 
@@ -43,11 +53,7 @@ def shot(scene, tmp_path):
     scene.render.engine = "RELUME"
     scene.relume.quality, scene.relume.samples = "CUSTOM", 16
     scene.relume.folder = str(tmp_path / "bake")
-    output = scene.render.image_settings
-    if hasattr(output, "media_type"):
-        output.media_type = "MULTI_LAYER_IMAGE"
-    output.file_format, output.exr_codec, output.color_depth = "OPEN_EXR_MULTILAYER", "NONE", "32"
-    scene.render.filepath = str(tmp_path / "f12.exr")
+    write_multilayer(scene, tmp_path / "f12.exr")
     yield scene
     addon.unregister()
 

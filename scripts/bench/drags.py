@@ -22,6 +22,8 @@ from live import Shot  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 MOVES = 6
+REACH = 0.2
+"""Metres that a light is moved at most, along each axis."""
 SPREAD = 0.4
 """Share of the way to the middle of the view that lamps lie to its sides."""
 
@@ -57,22 +59,23 @@ def whole(frame):
     return np.repeat(np.repeat(frame.image[..., :3], frame.scale, axis=0), frame.scale, axis=1)
 
 
-def measure(shot, light, method, half):
-    """Moves a light back and forth: decibels and milliseconds of each first picture."""
+def measure(shot, light, method, half, numbers):
+    """Moves a light to places where it was not before: decibels and milliseconds of each first picture."""
     errors, times, makers = [], [], set()
-    for move in range(MOVES):
-        shot.lights[light]["shape"]["center"][move % 3] += 0.15 if move < MOVES / 2 else -0.15
+    center = list(shot.lights[light]["shape"]["center"])
+    for _ in range(MOVES):
+        shot.lights[light]["shape"]["center"] = [x + numbers.uniform(-REACH, REACH) for x in center]
         took, drawn = shot.ask(interactive=True, half=half, **{"with": method})
         summary = json.loads(drawn.summary)
         makers.add(summary["makers"][shot.lights[light]["name"]])
         picture = whole(drawn)
-        number = shot.ask(interactive=False, half=False, **{"with": "gather"})[1].request
-        settled = shot.next_frame(
-            lambda frame, number=number: frame.request == number and json.loads(frame.summary)["settled"]
-        )
+        settled = shot.ask(interactive=False, half=False, **{"with": "gather"})[1]
+        while not json.loads(settled.summary)["settled"]:
+            settled = shot.next_frame()
         reference = whole(settled)
         errors.append(psnr(picture[: len(reference), : reference.shape[1]], reference))
         times.append(took)
+    shot.lights[light]["shape"]["center"] = center
     return {"psnr": statistics.mean(errors), "ms": statistics.median(times), "makers": sorted(makers)}
 
 
@@ -93,11 +96,12 @@ def main():
         size = (args.width, args.height)
         shot = Shot(folder, size, args.samples, args.train_seconds, args.device)
         shot.wait_until_done()
+        numbers = random.Random(2)
         round_ones = [i for i, light in enumerate(shot.lights) if "radius" in light["shape"]]
         for light in round_ones[-2:] if args.lamps else round_ones[:1]:
             for method in ("auto", "gather", "proxy"):
                 for half in (False, True):
-                    found = measure(shot, light, method, half)
+                    found = measure(shot, light, method, half, numbers)
                     about = {"shot": args.blend.stem, "lamps": args.lamps, "light": shot.lights[light]["name"]}
                     print(json.dumps(about | {"method": method, "half": half} | found), flush=True)
         shot.live.close(wait_seconds=10)

@@ -67,8 +67,9 @@ class DataPassSettings:
 
     def trace(self, exported: Any, settings: str, samples: int, assets: dict[str, str]) -> Any:
         """Native passes of a scene, whose job is running. The assets are those of objects by their names."""
+        samples = min(samples, SAMPLES) if self.mattes else 1  # All else is of the first ray.
         wanted = {"ranks": self.ranks, "alpha_threshold": self.alpha_threshold, "assets": assets}
-        return native().DataPasses(exported, settings, samples=min(samples, SAMPLES), **wanted)
+        return native().DataPasses(exported, settings, samples=samples, **wanted)
 
     def layers(self, pictures: dict[str, Any]) -> dict[str, np.ndarray]:
         """Passes by their names in Blender, of those that the native module has traced."""

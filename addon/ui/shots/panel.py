@@ -79,7 +79,7 @@ def _is_baked(scene: bpy.types.Scene, entry: Any) -> bool:
 
 
 _problems: dict[str, str] = {}
-"""What is wrong with shots, by their keys, as the panel that is drawn has found: each line asks for it."""
+"""Faults of shots, by their keys, as the panel that is drawn has found: each line asks for them."""
 
 
 def _failure(scene: bpy.types.Scene, entry: Any) -> str:

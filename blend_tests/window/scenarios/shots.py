@@ -30,7 +30,7 @@ def play(driver):
     add_camera(scene, "Right", 0.4, 0.3)
     yield from driver.show_tab("Relume")
     panel = addon("ui.shots.panel").RELUME_PT_shots
-    # The same panel, open and above the others: Blender remembers that the own one was closed.
+    # A second panel, open and above the others: Blender remembers that the own one was closed.
     opened = type("RELUME_PT_shots_open", (panel,), {"bl_idname": "RELUME_PT_shots_open", "bl_options": set()})
     opened.bl_order = -1
     bpy.utils.register_class(opened)

@@ -293,7 +293,7 @@ pub struct RelightArgs {
 /// Names of the channels of an EXR.
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 pub enum LayoutArg {
-    /// As Blender writes them: ViewLayer.Combined.R.
+    /// Blender's own: ViewLayer.Combined.R.
     #[default]
     Blender,
     /// For Nuke, Fusion and Natron: R of the picture, Combined_Key.R of its layers, without spaces.

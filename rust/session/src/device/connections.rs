@@ -164,7 +164,7 @@ impl Connections {
     /// Lights made ready for `gather`, which is of the same bake, without what is connected of them.
     ///
     /// # Errors
-    /// As [`Self::emitters`].
+    /// If a light is none: see [`relume_gather::PreparedLight::new`].
     pub fn crossed(&self, gather: &Gather, lights: &[Light]) -> Result<Vec<PreparedLight>, GatherError> {
         let prepare = |light| match Emitter::covers(light) {
             true => gather.prepare_balanced(light, self.balance),

@@ -21,10 +21,10 @@ pub struct RelitLight {
 /// Names of the channels of an EXR.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ExrLayout {
-    /// As Blender writes them: `ViewLayer.Combined.R`.
+    /// Blender's own: `ViewLayer.Combined.R`.
     #[default]
     Blender,
-    /// As other programs read them: `R` of the picture, `Combined_Key.R` of its layers, without spaces.
+    /// Names for other programs: `R` of the picture, `Combined_Key.R` of its layers, without spaces.
     Plain,
 }
 

@@ -43,7 +43,7 @@ impl Half {
         self.scale * (tangent + self.spline() * blend + self.roundness * self.bevel)
     }
 
-    /// The same on the polygon of a distance from the middle.
+    /// Position of the corner on the polygon of a distance from the middle.
     fn end_at(&self, distance: f32) -> f32 {
         self.end(distance * (self.width - self.bevel).tan(), 0.5 * distance + 0.5)
     }
@@ -61,7 +61,7 @@ impl Half {
         [self.scale * distance, self.scale * distance * to_middle.tan(), self.end_at(distance)]
     }
 
-    /// The same of a point on the corner, `distance` of which tells the line of equal distance.
+    /// Distance, position and that of the corner of a point on the corner; `distance` tells its line of equal distance.
     fn rounded(&self, length: f32, angle: f32, distance: f32) -> [f32; 3] {
         let (sine, cosine) = (self.width - self.bevel).sin_cos();
         let (along, spline) = (length * cosine, self.spline());
@@ -94,7 +94,7 @@ impl Circle {
     }
 }
 
-/// What the node tells of a point.
+/// Outputs of the node for a point.
 struct Found {
     distance: f32,
     position: f32,
