@@ -8,10 +8,11 @@ const CONTINUES = 1u << 16u;
 const ESCAPED = 1u << 17u;
 // Bits of which a segment that starts at the camera's position has none.
 const NOT_FROM_CAMERA = 0x1du << 16u;
-// Code of the lobe of diffuse reflection.
+// Codes of the lobes that are connected.
 const DIFFUSE = 1u;
+const ROUGH_GLOSSY = 5u;
 // Code of a camera segment behind an origin record.
-const CAMERA_BEHIND_ORIGIN = 5u;
+const CAMERA_BEHIND_ORIGIN = 6u;
 
 // Map from grid coordinates to world space, metres.
 struct Grid {
@@ -37,7 +38,7 @@ fn starts_at_camera(z_flags: u32) -> bool {
     return (z_flags & NOT_FROM_CAMERA) == 0u;
 }
 
-// Number of the lobe; what is above 4 is not a segment.
+// Number of the lobe; what is above 5 is not a segment.
 fn lobe_code(z_flags: u32) -> u32 {
     let code = (z_flags >> 18u) & 7u;
     return select(code, 0u, code == CAMERA_BEHIND_ORIGIN);

@@ -65,9 +65,9 @@ struct Light {
     // Factor by distance, as of `Falloff`; 0 and 0 for none.
     falloff_power: f32,
     falloff_smooth: f32,
-    // What squared distances are multiplied by for the share of diffuse light that counts by crossings; 0 for all of it.
+    // What squared distances are multiplied by for the share of light of a lobe that counts by crossings; 0 for all of it.
     crossed_diffuse: f32,
-    padding: u32,
+    crossed_rough_glossy: f32,
 }
 
 @group(0) @binding(0) var<storage, read> lights: array<Light>;
@@ -142,8 +142,13 @@ fn factor(light: u32, z_flags: u32) -> f32 {
 
 // Share of what a segment sees that counts by crossings (`rust/gather/src/balance.rs`).
 fn crossed_share(light: u32, s: Segment) -> f32 {
-    let scale = lights[light].crossed_diffuse;
-    if scale == 0.0 || lobe_code(s.z_flags) != DIFFUSE {
+    var scale = 0.0;
+    switch lobe_code(s.z_flags) {
+        case DIFFUSE: { scale = lights[light].crossed_diffuse; }
+        case ROUGH_GLOSSY: { scale = lights[light].crossed_rough_glossy; }
+        default: {}
+    }
+    if scale == 0.0 {
         return 1.0;
     }
     let ratio = scale * squared_distance(light, s.origin);

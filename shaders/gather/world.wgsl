@@ -33,7 +33,7 @@ var<immediate> arguments: Arguments;
 
 const PI = 3.14159265;
 // Number of codes of lobes; what is above is not a segment.
-const LOBES = 5u;
+const LOBES = 6u;
 
 @compute @workgroup_size(GROUP_SIZE)
 fn add_world(

@@ -12,7 +12,7 @@ const GRID_STEPS: f32 = 65535.0;
 
 /// The 16 flag bits of a record.
 ///
-/// Bit 0: the segment continues the ray of the one before. Bit 1: the segment escapes. Bits 2-4: code of the lobe; 5
+/// Bit 0: the segment continues the ray of the one before. Bit 1: the segment escapes. Bits 2-4: code of the lobe; 6
 /// for a camera segment that is neither the first record of its path nor continues another; 7 for an origin record (not
 /// a segment: the vertex that the next segment starts from). Bits 5-15: receiver.
 ///
@@ -37,7 +37,7 @@ impl Flags {
     pub const NOT_FROM_CAMERA: u16 = 0b1_1101;
 
     /// Code of a camera segment behind an origin record.
-    const CAMERA_BEHIND_ORIGIN: u16 = 5;
+    const CAMERA_BEHIND_ORIGIN: u16 = 6;
     const ORIGIN: u16 = 7;
 
     /// Flags of a segment. Only one with [`Lobe::Camera`] can start at the camera.
@@ -298,6 +298,6 @@ mod tests {
         assert!(
             origin.is_origin() && origin.path_start() && !origin.starts_at_camera() && !origin.continues()
         );
-        assert_eq!((origin.lobe(), Flags(6 << 2).lobe()), (None, None));
+        assert_eq!(origin.lobe(), None);
     }
 }

@@ -1,6 +1,7 @@
 use glam::Vec3;
 
-/// The lobe that made a segment, as Cycles labels rays. Decides per-light factors and camera visibility.
+/// The lobe that made a segment, as Cycles labels rays but for its two kinds of gloss. Decides per-light factors and camera
+/// visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Lobe {
@@ -8,17 +9,28 @@ pub enum Lobe {
     Camera = 0,
     /// Diffuse reflection.
     Diffuse = 1,
-    /// Glossy reflection, singular included.
+    /// Glossy reflection, singular included, but for [`Self::RoughGlossy`].
     Glossy = 2,
     /// Transmission, diffuse or not; not transparency, which keeps the lobe of the ray that meets it.
     Transmission = 3,
     /// Volume scattering.
     Volume = 4,
+    /// Glossy reflection so wide that lights are connected to its vertices.
+    RoughGlossy = 5,
 }
 
 impl Lobe {
     /// Every lobe; the index is its code.
-    pub const ALL: [Self; 5] = [Self::Camera, Self::Diffuse, Self::Glossy, Self::Transmission, Self::Volume];
+    pub const ALL: [Self; 6] =
+        [Self::Camera, Self::Diffuse, Self::Glossy, Self::Transmission, Self::Volume, Self::RoughGlossy];
+
+    /// Lobes whose light may be summed by points on lights in place of crossings.
+    pub const CONNECTED: [Self; 2] = [Self::Diffuse, Self::RoughGlossy];
+
+    /// The lobe as Cycles tells rays apart.
+    pub fn ray_kind(self) -> Self {
+        if self == Self::RoughGlossy { Self::Glossy } else { self }
+    }
 }
 
 /// End of a segment.

@@ -13,8 +13,9 @@ use relume_dump::{Flags, Lobe};
 
 use crate::light::{Plane, PreparedLight, Profile};
 
-/// Mean density of the directions in which diffuse surfaces reflect, per steradian.
-const DIFFUSE_DENSITY: f32 = 0.5 * FRAC_1_PI;
+/// Density of the directions in which surfaces reflect by [`Lobe::CONNECTED`], per steradian: the mean of diffuse ones; of rough gloss
+/// that about the mirrored direction.
+const DENSITIES: [f32; 2] = [0.5 * FRAC_1_PI, 2.0];
 
 /// Numbers of paths per pixel by which lights are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,26 +26,29 @@ pub struct Balance {
     pub crossed: u32,
 }
 
-/// Shares of a light that count by crossings: all of it, unless it is connected.
+/// Shares of a light that count by crossings: all of it, unless it is connected. For each of [`Lobe::CONNECTED`] what a squared
+/// distance in metres is multiplied by; 0 where all of the light counts by crossings.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct CrossedShares {
-    /// For diffuse light: what a squared distance in metres is multiplied by; 0 where all of it counts by crossings.
-    pub diffuse: f32,
-}
+pub(crate) struct CrossedShares(pub [f32; 2]);
 
 impl CrossedShares {
     /// Shares of a light, whose true area is `area_scale` of that of its profile.
     pub fn new(balance: Balance, profile: &Profile, area_scale: f32) -> Self {
         let odds = balance.connected as f32 / balance.crossed.max(1) as f32;
-        Self { diffuse: odds / (DIFFUSE_DENSITY * area(profile) * area_scale) }
+        Self(DENSITIES.map(|density| odds / (density * area(profile) * area_scale)))
     }
 
     /// Share for what leaves a place by a lobe.
     pub fn at(&self, lobe: Lobe, profile: &Profile, place: Vec3) -> f32 {
-        if lobe != Lobe::Diffuse || self.diffuse == 0.0 {
+        let scale = match lobe {
+            Lobe::Diffuse => self.0[0],
+            Lobe::RoughGlossy => self.0[1],
+            _ => 0.0,
+        };
+        if scale == 0.0 {
             return 1.0;
         }
-        let ratio = self.diffuse * distance2(profile, place);
+        let ratio = scale * distance2(profile, place);
         1.0 / (1.0 + ratio * ratio)
     }
 }

@@ -11,7 +11,7 @@ use crate::balance::Balance;
 use crate::light::{Ball, FAR, Plane, PreparedLight, Profile};
 use crate::rules::with_rules;
 
-/// A light that is summed over diffuse vertices by points on it, but for the share that counts by crossings. Its size has no floor.
+/// A light that is summed over vertices by points on it, but for the shares that count by crossings. Its size has no floor.
 #[derive(Clone, Debug)]
 pub struct Emitter(PreparedLight);
 
@@ -27,11 +27,12 @@ pub struct LightSample {
 }
 
 impl Emitter {
-    /// True if a light has diffuse light that need not be summed over crossings. Where its object is sheared, or something else than the
-    /// whole scene blocks it, all of it is.
+    /// True if a light need not be summed over crossings alone. Where its object is sheared, or something else than the whole scene
+    /// blocks it, it is.
     pub fn covers(light: &Light) -> bool {
         let is_sheared = matches!(light.shape, LightShape::Sheared { .. });
-        light.lobes.diffuse != 0.0 && !is_sheared && light.rules.blockers.is_none()
+        let is_seen = light.lobes.diffuse != 0.0 || light.lobes.glossy != 0.0;
+        is_seen && !is_sheared && light.rules.blockers.is_none()
     }
 
     /// A light for the vertices of a dump's paths.
@@ -42,14 +43,17 @@ impl Emitter {
         Ok(Self(PreparedLight::new(&with_rules(light, manifest), 0.0)?.balanced(balance)))
     }
 
-    /// Factor on its diffuse light on a receiver; 0 if that is not lit.
-    pub fn factor(&self, receiver: u16) -> f32 {
-        if self.0.lights(receiver) { self.0.factors[Lobe::Diffuse as usize] } else { 0.0 }
+    /// Factors on its light on a receiver by [`Lobe::CONNECTED`]; 0 if that is not lit.
+    pub fn factors(&self, receiver: u16) -> [f32; 2] {
+        if !self.0.lights(receiver) {
+            return [0.0; 2];
+        }
+        Lobe::CONNECTED.map(|lobe| self.0.factors[lobe as usize])
     }
 
-    /// Share of its diffuse light at a place that does not count by crossings.
-    pub fn share(&self, place: Vec3) -> f32 {
-        1.0 - self.0.crossed.at(Lobe::Diffuse, &self.0.profile, place)
+    /// Shares of its light at a place that do not count by crossings, by [`Lobe::CONNECTED`].
+    pub fn shares(&self, place: Vec3) -> [f32; 2] {
+        Lobe::CONNECTED.map(|lobe| 1.0 - self.0.crossed.at(lobe, &self.0.profile, place))
     }
 
     /// A direction from a point to the light by two numbers in 0..1; nothing if none of its light comes that way. The surface there faces
@@ -182,7 +186,7 @@ mod tests {
     fn lights_that_not_everything_blocks_are_summed_over_crossings() {
         let mut light = random_lights()[0].clone();
         assert!(Emitter::covers(&light));
-        light.lobes.diffuse = 0.0;
+        (light.lobes.diffuse, light.lobes.glossy) = (0.0, 0.0);
         assert!(!Emitter::covers(&light));
     }
 }

@@ -84,9 +84,10 @@ impl Environment {
     }
 }
 
-/// Bit mask of kinds of rays.
+/// Bit mask of the lobes whose kinds of rays see it.
 fn bits(rays: [bool; 5]) -> u32 {
-    rays.iter().enumerate().map(|(kind, sees)| u32::from(*sees) << kind).sum()
+    let sees = |lobe: Lobe| u32::from(rays[lobe.ray_kind() as usize]) << lobe as u32;
+    Lobe::ALL.into_iter().map(sees).sum()
 }
 
 impl Map {

@@ -159,7 +159,8 @@ impl PreparedLight {
         let (profile, scale) = profile(&light.shape, floor).map_err(fail)?;
         let LobeFactors { camera, diffuse, glossy, transmission, volume } = light.lobes;
         let mut factors = [0.0; 8];
-        for (lobe, factor) in Lobe::ALL.into_iter().zip([camera, diffuse, glossy, transmission, volume]) {
+        let by_lobe = [camera, diffuse, glossy, transmission, volume, glossy];
+        for (lobe, factor) in Lobe::ALL.into_iter().zip(by_lobe) {
             if !factor.is_finite() {
                 return Err(fail("a lobe factor is not finite"));
             }

@@ -3,11 +3,42 @@
 use crate::error::SessionError;
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::{Dump, MemoryWriter};
-use relume_scene::{Camera, Input, Instance, Light, LightShape, Material, Mesh, Node, Scene, SceneBuilder};
+use relume_scene::{
+    Camera, Distribution, Input, Instance, Light, LightShape, Material, Mesh, Node, Scene, SceneBuilder,
+};
 use relume_trace::{Control, TraceSettings, Tracer};
 
 /// A closed grey box, seen from its middle.
-pub fn closed_box((width, height): (usize, usize)) -> Result<Scene, SessionError> {
+pub fn closed_box(size: (usize, usize)) -> Result<Scene, SessionError> {
+    closed_box_of(size, vec![grey()])
+}
+
+/// Lambert's law.
+pub fn grey() -> Node {
+    Node::Diffuse {
+        color: Input::Rgb([0.7; 3]),
+        roughness: Input::Float(0.0),
+        multiple_scattering: Default::default(),
+        normal: None,
+    }
+}
+
+/// Half of it [`grey`], the other a glossy reflection.
+pub fn glossy_grey(roughness: f32) -> Vec<Node> {
+    let gloss = Node::Glossy {
+        color: Input::Rgb([0.7; 3]),
+        roughness: Input::Float(roughness),
+        anisotropy: Input::Float(0.0),
+        rotation: Input::Float(0.0),
+        normal: None,
+        tangent: None,
+        distribution: Distribution::Ggx,
+    };
+    vec![grey(), gloss, Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) }]
+}
+
+/// A closed box of a material whose last node is its surface, seen from its middle.
+pub fn closed_box_of((width, height): (usize, usize), nodes: Vec<Node>) -> Result<Scene, SessionError> {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - Vec3::ONE;
     let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let mesh = Mesh {
@@ -16,14 +47,8 @@ pub fn closed_box((width, height): (usize, usize)) -> Result<Scene, SessionError
         triangles: sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect(),
         ..Mesh::default()
     };
-    let diffuse = Node::Diffuse {
-        color: Input::Rgb([0.7; 3]),
-        roughness: Input::Float(0.0),
-        multiple_scattering: Default::default(),
-        normal: None,
-    };
-    let material =
-        Material { name: "grey".into(), nodes: vec![diffuse], surface: Some(0), ..Material::default() };
+    let surface = Some(nodes.len() as u32 - 1);
+    let material = Material { name: "grey".into(), nodes, surface, ..Material::default() };
     let mut builder = SceneBuilder::new("Linear Rec.709");
     builder.set_camera(Camera {
         width,

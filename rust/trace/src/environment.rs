@@ -76,7 +76,7 @@ impl EnvironmentLight {
         direction: Vec3,
         lobe: Lobe,
     ) -> Vec3 {
-        let kind = lobe as usize;
+        let kind = lobe.ray_kind() as usize;
         if !self.rays[kind] {
             let part = self.parts.iter().find(|part| part.rays[kind]);
             return part.map_or(Vec3::ZERO, |part| part.radiance(scene, materials, direction, lobe));

@@ -342,7 +342,7 @@ impl Integrator<'_> {
                 draws,
             );
         }
-        sink.meet(|| self.diffuse_vertex(path, point, surface));
+        sink.meet(|| self.path_vertex(path, point, surface));
         if let Some(entry) = surface.enters(u[2]) {
             features.record_surface(surface);
             let Some((exit, draws)) = self.cross_body(path, point, &entry, draws, surface) else {

@@ -64,14 +64,20 @@ pub struct GpuLight {
     pub falloff_power: f32,
     pub falloff_smooth: f32,
     pub crossed_diffuse: f32,
-    pub padding: u32,
+    pub crossed_rough_glossy: f32,
 }
 
 impl GpuLight {
     /// `magnitude` is the largest coordinate in the scene, `receivers` the number of the light's set. The map is left out.
     pub(super) fn new(light: &PreparedLight, magnitude: f32, receivers: u32) -> Self {
-        let crossed_diffuse = light.crossed.diffuse;
-        let shared = Self { receivers, factors: light.factors, crossed_diffuse, ..Self::default() };
+        let [crossed_diffuse, crossed_rough_glossy] = light.crossed.0;
+        let shared = Self {
+            receivers,
+            factors: light.factors,
+            crossed_diffuse,
+            crossed_rough_glossy,
+            ..Self::default()
+        };
         match light.profile {
             Profile::Sphere(ball) => shared.with_ball(SPHERE, ball.center, ball.radius, magnitude),
             Profile::FacingDisk(ball) => shared.with_ball(FACING_DISK, ball.center, ball.radius, magnitude),
@@ -247,7 +253,8 @@ mod tests {
         relume_gpu::assert_mirror!(GpuLight as "gather/light", "Light", {
             center, kind, direction, radius, inverse_u, reach2, inverse_v, receivers, factors, cos_half_angle,
             inverse_blend, tan_half, normalisation, row_x, length_u, row_y, length_v, row_z, determinant, center_row_z,
-            map_cone, map_rows, map_width, map_height, map_key, falloff_power, falloff_smooth, crossed_diffuse, padding,
+            map_cone, map_rows, map_width, map_height, map_key, falloff_power, falloff_smooth, crossed_diffuse,
+            crossed_rough_glossy,
         });
     }
 

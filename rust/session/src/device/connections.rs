@@ -12,7 +12,7 @@ use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
 use relume_trace::sampler::PixelSampler;
 use relume_trace::{
-    ConnectScratch, DiffuseVertex, PathScratch, TileVertices, TraceSettings, Tracer, VertexLimits,
+    ConnectScratch, PathScratch, PathVertex, TileVertices, TraceSettings, Tracer, VertexLimits,
 };
 use self_cell::self_cell;
 
@@ -27,7 +27,7 @@ self_cell!(
     }
 );
 
-/// Diffuse vertices of paths of a bake's scene, and the light of lights that were connected to them. Vertices come in levels, each
+/// Vertices of paths of a bake's scene, and the light of lights that were connected to them. Vertices come in levels, each
 /// with as many paths as all before it, so that a first picture comes early.
 pub(crate) struct Connections {
     tracer: OwnedTracer,
@@ -35,6 +35,8 @@ pub(crate) struct Connections {
     levels: Vec<Level>,
     /// Number of levels whose vertices were traced to be kept.
     prepared: AtomicUsize,
+    /// Number of levels whose vertices memory allows to keep, known from the first one on.
+    most_kept: OnceLock<usize>,
     balance: Balance,
     images: Mutex<LightCache<Arc<ConnectedImage>>>,
 }
@@ -42,11 +44,11 @@ pub(crate) struct Connections {
 struct Level {
     pass: Pass,
     limits: VertexLimits,
-    /// Vertices of each tile, if memory allows to keep them. Others are traced anew for each use.
-    kept: Option<Vec<OnceLock<TileVertices>>>,
+    /// Vertices of each tile, where memory allows to keep them. Others are traced anew for each use.
+    kept: Vec<OnceLock<TileVertices>>,
 }
 
-/// Diffuse part of a light's unit image.
+/// Part of a light's unit image that is summed by connections.
 pub(crate) struct ConnectedImage {
     pub levels: usize,
     /// Paths per pixel behind it.
@@ -112,6 +114,7 @@ impl Connections {
             manifest,
             levels,
             prepared: AtomicUsize::new(0),
+            most_kept: OnceLock::new(),
             balance,
             images: Mutex::default(),
         }))
@@ -120,15 +123,17 @@ impl Connections {
     /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it.
     pub fn prepare_next(&self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
         let number = self.prepared.load(Ordering::Acquire);
-        let Some(level) = self.levels.get(number) else { return false };
-        let Some(tiles) = &level.kept else { return false };
+        if number == self.most_kept() {
+            return false;
+        }
+        let level = &self.levels[number];
         let prepare = |scratch: &mut PathScratch, (tile, kept): (usize, &OnceLock<TileVertices>)| {
             if !stop() {
                 kept.get_or_init(|| self.trace(level, tile, scratch));
             }
         };
-        tiles.par_iter().enumerate().for_each_init(PathScratch::default, prepare);
-        let is_whole = tiles.iter().all(|tile| tile.get().is_some());
+        level.kept.par_iter().enumerate().for_each_init(PathScratch::default, prepare);
+        let is_whole = level.kept.iter().all(|tile| tile.get().is_some());
         if is_whole {
             self.prepared.store(number + 1, Ordering::Release);
         }
@@ -138,13 +143,30 @@ impl Connections {
     /// Number of levels that lights can be connected to now.
     pub fn ready(&self) -> usize {
         let prepared = self.prepared.load(Ordering::Acquire);
-        let awaits = self.levels.get(prepared).is_some_and(|level| level.kept.is_some());
-        if awaits { prepared } else { self.levels.len() }
+        if prepared < self.most_kept() { prepared } else { self.levels.len() }
+    }
+
+    /// Number of levels whose vertices are kept: the first, and others as far as memory allows for paths like its own.
+    fn most_kept(&self) -> usize {
+        if self.prepared.load(Ordering::Acquire) == 0 {
+            return 1;
+        }
+        *self.most_kept.get_or_init(|| {
+            let first = &self.levels[0];
+            let bytes: usize = first.kept.iter().filter_map(OnceLock::get).map(TileVertices::bytes).sum();
+            let paths = VERTEX_MEMORY / bytes.max(1) * first.pass.samples as usize;
+            let mut sum = 0;
+            let fits = |level: &&Level| {
+                sum += level.pass.samples as usize;
+                sum <= paths
+            };
+            self.levels.iter().take_while(fits).count().max(1)
+        })
     }
 
     fn trace(&self, level: &Level, tile: usize, scratch: &mut PathScratch) -> TileVertices {
         let rect = self.manifest.tile_rect(tile);
-        self.tracer.borrow_dependent().diffuse_vertices(rect, level.pass, level.limits, scratch)
+        self.tracer.borrow_dependent().path_vertices(rect, level.pass, level.limits, scratch)
     }
 
     /// True if the scene is that of a bake.
@@ -152,7 +174,7 @@ impl Connections {
         self.manifest.scene_hash == manifest.scene_hash && self.manifest.seed == manifest.seed
     }
 
-    /// Those of some lights whose diffuse light is connected, by their number.
+    /// Those of some lights that are connected, by their number.
     ///
     /// # Errors
     /// If a light is none: see [`relume_gather::PreparedLight::new`].
@@ -173,7 +195,7 @@ impl Connections {
         lights.iter().map(prepare).collect()
     }
 
-    /// Diffuse parts of the unit images of those of `lights` that are connected, by their number, from so many levels or more as far as
+    /// Connected parts of the unit images of those of `lights` that are connected, by their number, from so many levels or more as far as
     /// they are there; nothing if `stop` ended it. `gather` is of the same bake.
     pub fn images(
         &self,
@@ -249,9 +271,8 @@ impl Connections {
     /// Values of a tile, light by light, then pixel by pixel; one pixel of each block is made for all of it.
     fn tile(&self, level: &Level, tile: usize, lights: &[&Emitter], block: usize) -> Vec<[f32; 3]> {
         let (tracer, rect) = (self.tracer.borrow_dependent(), self.manifest.tile_rect(tile));
-        let kept = level.kept.as_ref().and_then(|tiles| tiles[tile].get());
         let traced;
-        let vertices = match kept {
+        let vertices = match level.kept[tile].get() {
             Some(kept) => kept,
             None => {
                 traced = self.trace(level, tile, &mut PathScratch::default());
@@ -294,35 +315,35 @@ fn fill_blocks(values: &mut [[f32; 3]], rect: TileRect, block: usize) {
 /// Light of one point on a light at a vertex, as it adds to the pixel, by numbers in 0..1.
 fn connect(
     tracer: &Tracer<'_>,
-    vertex: &DiffuseVertex,
+    vertex: &PathVertex,
     light: &Emitter,
     [u, v, chance, ..]: [f32; 4],
     scratch: &mut ConnectScratch,
 ) -> Vec3 {
-    let share = light.share(vertex.position);
-    if share <= chance * LEAST_SHARE {
+    let (shares, factors) = (light.shares(vertex.position), light.factors(vertex.receiver()));
+    let counts = vertex.lobes();
+    let weights: [f32; 2] =
+        std::array::from_fn(|lobe| if counts[lobe] { shares[lobe] * factors[lobe] } else { 0.0 });
+    let most = (0..2).filter(|lobe| weights[*lobe] != 0.0).map(|lobe| shares[lobe]).fold(0.0, f32::max);
+    if most <= chance * LEAST_SHARE {
         return Vec3::ZERO;
     }
-    let factor = light.factor(vertex.receiver()) * share.max(LEAST_SHARE);
-    let sample = (factor != 0.0).then(|| light.sample(vertex.position, vertex.normal(), [u, v])).flatten();
-    sample.map_or(Vec3::ZERO, |sample| {
-        factor * sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, scratch)
-    })
+    let weights = weights.map(|weight| weight * (LEAST_SHARE / most).max(1.0));
+    let Some(sample) = light.sample(vertex.position, vertex.normal(), [u, v]) else { return Vec3::ZERO };
+    sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, weights, scratch)
 }
 
-/// Levels of a picture: the vertices of the first are kept, and of others as far as memory allows.
+/// Levels of a picture.
 fn levels(manifest: &Manifest) -> Vec<Level> {
-    let bytes_a_path = manifest.width * manifest.height * (1 + LATER as usize) * size_of::<DiffuseVertex>();
     let first_sample = manifest.passes.first().map_or(0, |pass| pass.first_sample);
     let mut levels = Vec::new();
     let mut sum = 0;
     while sum < PATHS {
         let samples = sum.clamp(1, PATHS - sum);
-        let is_kept = sum == 0 || (sum + samples) as usize * bytes_a_path <= VERTEX_MEMORY;
         levels.push(Level {
             pass: Pass { first_sample: first_sample + sum, samples },
             limits: VertexLimits { first: samples as usize, later: (LATER * samples) as usize },
-            kept: is_kept.then(|| (0..manifest.tile_count()).map(|_| OnceLock::new()).collect()),
+            kept: (0..manifest.tile_count()).map(|_| OnceLock::new()).collect(),
         });
         sum += samples;
     }
@@ -356,7 +377,7 @@ impl ConnectedImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_box::{bulbs, closed_box};
+    use crate::test_box::{bulbs, closed_box_of, glossy_grey, grey};
     use relume_dump::MemoryWriter;
     use relume_gather::SampleSplit;
     use relume_scene::LightShape;
@@ -364,7 +385,13 @@ mod tests {
 
     #[test]
     fn connected_light_has_the_mean_of_crossings_and_less_noise() {
-        let scene = Arc::new(closed_box((24, 24)).unwrap());
+        for nodes in [vec![grey()], glossy_grey(0.6)] {
+            compare_with_crossings(closed_box_of((24, 24), nodes).unwrap());
+        }
+    }
+
+    fn compare_with_crossings(scene: Scene) {
+        let scene = Arc::new(scene);
         let settings = TraceSettings { samples: 1024, ..TraceSettings::default() };
         let tracer = Tracer::new(&scene, &settings).unwrap();
         let writer = MemoryWriter::new(tracer.manifest()).unwrap();

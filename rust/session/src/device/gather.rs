@@ -75,7 +75,7 @@ impl DeviceGather {
         self.connections = Some((Arc::clone(connections), levels));
     }
 
-    /// True if the diffuse light of a light is connected.
+    /// True if a light is connected.
     pub fn connects(&self, light: &Light) -> bool {
         self.connections.is_some() && Emitter::covers(light)
     }
@@ -105,8 +105,8 @@ impl DeviceGather {
         let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, split);
         let (mut images, connected) =
             self.images(lights, split, Haste::NONE, (compute, monitor), work, |image| image)?;
-        for (light, diffuse) in connected {
-            images[light].add_scaled(&diffuse.image, &[1.0; 3]);
+        for (light, connected) in connected {
+            images[light].add_scaled(&connected.image, &[1.0; 3]);
         }
         Ok(images)
     }
@@ -137,8 +137,8 @@ impl DeviceGather {
         let (images, connected) =
             self.images(lights, split, haste, (compute, monitor), work, DeviceImage::Cpu)?;
         let mut parts: Vec<UnitParts> = images.into_iter().map(UnitParts::from).collect();
-        for (light, diffuse) in connected {
-            parts[light].connected = Some(diffuse);
+        for (light, image) in connected {
+            parts[light].connected = Some(image);
         }
         Ok(parts)
     }

@@ -15,16 +15,19 @@ pub struct Part {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Classes {
     glossy: f32,
+    rough_glossy: f32,
     transmitted: f32,
 }
 
 impl Classes {
-    /// Adds the value of a closure, of which a share is transmitted.
-    pub fn add(&mut self, value: Vec3, is_glossy: bool, transmitted: f32) {
+    /// Adds the value of a closure whose reflection is of class `reflected`, of which a share is transmitted.
+    pub fn add(&mut self, value: Vec3, reflected: Lobe, transmitted: f32) {
         let sum = value.element_sum();
         self.transmitted += sum * transmitted;
-        if is_glossy {
-            self.glossy += sum * (1.0 - transmitted);
+        match reflected {
+            Lobe::Glossy => self.glossy += sum * (1.0 - transmitted),
+            Lobe::RoughGlossy => self.rough_glossy += sum * (1.0 - transmitted),
+            _ => {}
         }
     }
 
@@ -32,6 +35,7 @@ impl Classes {
     pub fn share(&mut self, value: Vec3) {
         let sum = value.element_sum();
         self.glossy /= sum;
+        self.rough_glossy /= sum;
         self.transmitted /= sum;
     }
 
@@ -40,17 +44,17 @@ impl Classes {
     /// one direction.
     pub fn lobe(self, scatters_around: bool, sampled: Lobe, u: f32) -> Lobe {
         let u = (u * 4096.0).fract();
-        if scatters_around {
-            return match u - self.transmitted {
-                rest if rest < 0.0 => Lobe::Transmission,
-                rest if rest < self.glossy => Lobe::Glossy,
-                _ => Lobe::Diffuse,
-            };
-        }
-        match sampled {
-            Lobe::Diffuse | Lobe::Glossy if u < self.glossy => Lobe::Glossy,
-            Lobe::Diffuse | Lobe::Glossy => Lobe::Diffuse,
-            lobe => lobe,
+        let is_reflected = matches!(sampled, Lobe::Diffuse | Lobe::Glossy);
+        let u = match scatters_around {
+            true if u < self.transmitted => return Lobe::Transmission,
+            true => u - self.transmitted,
+            false if is_reflected => u,
+            false => return sampled,
+        };
+        match u - self.glossy {
+            rest if rest < 0.0 => Lobe::Glossy,
+            rest if rest < self.rough_glossy => Lobe::RoughGlossy,
+            _ => Lobe::Diffuse,
         }
     }
 }

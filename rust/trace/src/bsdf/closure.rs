@@ -218,19 +218,14 @@ impl Closure {
         if let Scatter::Portal(portal) = self.scatter { Some(portal) } else { None }
     }
 
-    /// True if what it reflects is glossy, not diffuse.
-    pub fn is_glossy(&self) -> bool {
+    /// Class of what it reflects.
+    pub fn reflected_lobe(&self) -> Lobe {
         match &self.scatter {
-            Scatter::Toon(model) => model.is_glossy,
-            scatter => {
-                matches!(
-                    scatter,
-                    Scatter::Microfacet(_)
-                        | Scatter::ThroughSheet(_)
-                        | Scatter::AshikhminShirley(_)
-                        | Scatter::Hair(_)
-                )
-            }
+            Scatter::Microfacet(model) if model.is_rough() => Lobe::RoughGlossy,
+            Scatter::Microfacet(_) | Scatter::ThroughSheet(_) => Lobe::Glossy,
+            Scatter::AshikhminShirley(_) | Scatter::Hair(_) => Lobe::Glossy,
+            Scatter::Toon(model) => toon_lobe(model),
+            _ => Lobe::Diffuse,
         }
     }
 

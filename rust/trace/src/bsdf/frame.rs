@@ -28,6 +28,11 @@ impl ShadingFrame {
         }
     }
 
+    /// The unit normal that it is about.
+    pub fn normal(&self) -> Vec3 {
+        self.z
+    }
+
     /// A vector's coordinates in the frame.
     pub fn local(&self, v: Vec3) -> Vec3 {
         Vec3::new(self.x.dot(v), self.y.dot(v), self.z.dot(v))

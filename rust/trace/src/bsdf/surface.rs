@@ -269,12 +269,12 @@ impl Surface {
         } else {
             let mut value = closure.weight * choice.value;
             let mut pdf = choice.pdf * probability;
-            classes.add(value, choice.lobe == Lobe::Glossy || closure.scatters_around(), choice.transmitted);
+            classes.add(value, closure.reflected_lobe(), choice.transmitted);
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
                     let part = self.eval_closure(closure, choice.wi);
                     let weighted = closure.weight * part.value;
-                    classes.add(weighted, closure.is_glossy(), part.transmitted);
+                    classes.add(weighted, closure.reflected_lobe(), part.transmitted);
                     value += weighted;
                     pdf += part.pdf * (closure.sample_weight / total);
                 }
@@ -314,7 +314,7 @@ impl Surface {
         for (closure, density) in self.closures.iter().zip(&mut densities) {
             let part = self.eval_closure(closure, wi);
             let weighted = closure.weight * part.value;
-            classes.add(weighted, closure.is_glossy(), part.transmitted);
+            classes.add(weighted, closure.reflected_lobe(), part.transmitted);
             value += weighted;
             *density = part.pdf * (closure.sample_weight / total);
         }

@@ -69,7 +69,7 @@ impl From<Lobe> for RayKind {
         match lobe {
             Lobe::Camera => Self::Camera,
             Lobe::Diffuse => Self::Diffuse,
-            Lobe::Glossy => Self::Glossy,
+            Lobe::Glossy | Lobe::RoughGlossy => Self::Glossy,
             Lobe::Transmission => Self::Transmission,
             Lobe::Volume => Self::Volume,
         }

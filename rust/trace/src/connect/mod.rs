@@ -1,7 +1,7 @@
 //! Light by connection: shadow rays from vertices of light-free paths to points on a light.
 //!
-//! A segment that leaves a diffuse vertex crosses a small light seldom. What it collects on average has a closed form, though:
-//! the integral of reflectance, radiance and visibility over the light. So light of [`relume_dump::Lobe::Diffuse`] can be summed
+//! A segment that leaves a dull vertex crosses a small light seldom. What it collects on average has a closed form, though: the
+//! integral of reflectance, radiance and visibility over the light. So light of [`relume_dump::Lobe::CONNECTED`] can be summed
 //! over vertices in place of crossings (next event estimation of paths that were traced before); all other lobes are summed over
 //! crossings. Both together have the same mean as crossings alone.
 
@@ -10,7 +10,7 @@ mod vertex;
 use glam::Vec3;
 use relume_dump::{AovSample, Pass, Segment, TileRect};
 
-pub use self::vertex::DiffuseVertex;
+pub use self::vertex::PathVertex;
 use crate::{
     bsdf::Surface,
     integrator::{PathScratch, PathSink},
@@ -29,18 +29,23 @@ pub struct VertexLimits {
     pub later: usize,
 }
 
-/// Diffuse vertices of the paths of a tile.
+/// Vertices of the paths of a tile.
 #[derive(Debug, Default)]
 pub struct TileVertices {
     /// First vertex of each pixel, then the number of vertices.
     offsets: Vec<usize>,
-    vertices: Vec<DiffuseVertex>,
+    vertices: Vec<PathVertex>,
 }
 
 impl TileVertices {
     /// Vertices of a pixel, counted row by row. Their light adds up to the sum over the pixel's paths.
-    pub fn pixel(&self, pixel: usize) -> &[DiffuseVertex] {
+    pub fn pixel(&self, pixel: usize) -> &[PathVertex] {
         &self.vertices[self.offsets[pixel]..self.offsets[pixel + 1]]
+    }
+
+    /// Bytes of memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.offsets[..]) + self.vertices.iter().map(PathVertex::bytes).sum::<usize>()
     }
 }
 
@@ -59,8 +64,8 @@ impl Tracer<'_> {
         self.integrator.media.is_none() && !self.integrator.catches
     }
 
-    /// Diffuse vertices of the paths of a tile.
-    pub fn diffuse_vertices(
+    /// Vertices of the paths of a tile.
+    pub fn path_vertices(
         &self,
         rect: TileRect,
         pass: Pass,
@@ -72,28 +77,28 @@ impl Tracer<'_> {
         for y in rect.y..rect.y + rect.height {
             for x in rect.x..rect.x + rect.width {
                 kept.offsets.push(kept.vertices.len());
-                met.vertices.clear();
                 self.trace_guided((x, y), pass, None, scratch, &mut met);
                 let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
                 let [first, later, ..] = sampler.draw(pass.first_sample, CHOICE_GROUP);
-                met.choose(true, limits.first, first, &mut kept);
-                met.choose(false, limits.later, later, &mut kept);
+                choose(&mut met.first, limits.first, first, &mut kept.vertices);
+                choose(&mut met.later, limits.later, later, &mut kept.vertices);
             }
         }
         kept.offsets.push(kept.vertices.len());
         kept
     }
 
-    /// Contribution to the pixel of a vertex, RGB, of light from the unit direction `wi` of radiance 1 per steradian. It comes from
-    /// `distance` metres away, infinite outside of the scene.
+    /// Contribution to the pixel of a vertex, RGB, of light from the unit direction `wi` of radiance `factors` per steradian for each
+    /// of [`relume_dump::Lobe::CONNECTED`]. It comes from `distance` metres away, infinite outside of the scene.
     pub fn connect(
         &self,
-        vertex: &DiffuseVertex,
+        vertex: &PathVertex,
         wi: Vec3,
         distance: f32,
+        factors: [f32; 2],
         scratch: &mut ConnectScratch,
     ) -> Vec3 {
-        let Some((reflected, ray)) = vertex.reflect(wi) else { return Vec3::ZERO };
+        let Some((reflected, ray)) = vertex.reflect(wi, factors) else { return Vec3::ZERO };
         let integrator = &self.integrator;
         let mut tracer = ShadowTracer {
             scene: integrator.scene,
@@ -113,33 +118,28 @@ impl Tracer<'_> {
     }
 }
 
-/// Vertices of a pixel as its paths meet them.
+/// Vertices of a pixel as its paths meet them: the first of their paths, and all others.
 #[derive(Debug, Default)]
 struct MetVertices {
-    vertices: Vec<DiffuseVertex>,
-    importance: Vec<f32>,
+    first: Vec<PathVertex>,
+    later: Vec<PathVertex>,
 }
 
-impl MetVertices {
-    /// Keeps at most `limit` of the vertices that are, or are not, the first of their paths, by systematic sampling of their
-    /// importance. The number `u` is in 0..1.
-    fn choose(&mut self, is_first: bool, limit: usize, u: f32, kept: &mut TileVertices) {
-        let group = || self.vertices.iter().filter(|vertex| vertex.is_first() == is_first);
-        self.importance.clear();
-        self.importance.extend(group().map(DiffuseVertex::importance));
-        if self.importance.len() <= limit {
-            kept.vertices.extend(group().cloned());
-            return;
-        }
-        let step = self.importance.iter().sum::<f32>() / limit as f32;
-        let (mut sum, mut next) = (0.0, u * step);
-        for (vertex, importance) in group().zip(&self.importance) {
-            sum += importance;
-            let times = ((sum - next) / step).ceil().max(0.0);
-            if times > 0.0 {
-                next += times * step;
-                kept.vertices.push(vertex.scaled(times * step / importance));
-            }
+/// Keeps at most `limit` of some vertices, by systematic sampling of their importance. The number `u` is in 0..1.
+fn choose(met: &mut Vec<PathVertex>, limit: usize, u: f32, kept: &mut Vec<PathVertex>) {
+    if met.len() <= limit {
+        kept.append(met);
+        return;
+    }
+    let importance: Vec<f32> = met.iter().map(PathVertex::importance).collect();
+    let step = importance.iter().sum::<f32>() / limit as f32;
+    let (mut sum, mut next) = (0.0, u * step);
+    for (vertex, importance) in met.drain(..).zip(importance) {
+        sum += importance;
+        let times = ((sum - next) / step).ceil().max(0.0);
+        if times > 0.0 {
+            next += times * step;
+            kept.push(vertex.scaled(times * step / importance));
         }
     }
 }
@@ -153,7 +153,8 @@ impl PathSink for MetVertices {
 
     fn end_path(&mut self, _aovs: AovSample) {}
 
-    fn meet(&mut self, vertex: impl FnOnce() -> Option<DiffuseVertex>) {
-        self.vertices.extend(vertex());
+    fn meet(&mut self, vertex: impl FnOnce() -> Option<PathVertex>) {
+        let Some(vertex) = vertex() else { return };
+        if vertex.is_first() { self.first.push(vertex) } else { self.later.push(vertex) }
     }
 }

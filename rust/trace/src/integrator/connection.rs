@@ -3,16 +3,16 @@
 use relume_dump::Sight;
 
 use super::Integrator;
-use crate::{bsdf::Surface, connect::DiffuseVertex, path::PathState, shading::SurfacePoint};
+use crate::{bsdf::Surface, connect::PathVertex, path::PathState, shading::SurfacePoint};
 
 impl Integrator<'_> {
-    /// The vertex of a path on a surface, if that reflects diffusely and lights count there.
-    pub(super) fn diffuse_vertex(
+    /// The vertex of a path on a surface, if lights count there and can be connected to it.
+    pub(super) fn path_vertex(
         &self,
         path: &PathState,
         point: &SurfacePoint,
         surface: &Surface,
-    ) -> Option<DiffuseVertex> {
+    ) -> Option<PathVertex> {
         let (limits, ray) = (&self.settings.bounces, path.ray_info());
         if ray.transparent_depth > limits.transparent {
             return None;
@@ -21,6 +21,6 @@ impl Integrator<'_> {
         let receiver = self.scene.instances[point.instance as usize].receiver + class;
         let weight = path.throughput * self.settings.film_exposure;
         let parts = (self.scene, &self.materials);
-        DiffuseVertex::new(parts, limits, path, (weight, receiver), (point, surface))
+        PathVertex::new(parts, limits, path, (weight, receiver), (point, surface))
     }
 }

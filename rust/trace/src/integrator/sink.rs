@@ -1,7 +1,7 @@
 use glam::Vec3;
 use relume_dump::{AovSample, Segment, TileSamples};
 
-use crate::connect::DiffuseVertex;
+use crate::connect::PathVertex;
 
 /// Receives paths as they are traced: a shard in the making, or training that streams fresh paths.
 pub trait PathSink {
@@ -15,7 +15,7 @@ pub trait PathSink {
     /// The path has ended.
     fn end_path(&mut self, aovs: AovSample);
     /// The path met a surface, which makes it a vertex that lights can be connected to if it reflects diffusely.
-    fn meet(&mut self, _vertex: impl FnOnce() -> Option<DiffuseVertex>) {}
+    fn meet(&mut self, _vertex: impl FnOnce() -> Option<PathVertex>) {}
 }
 
 impl PathSink for TileSamples {

@@ -20,7 +20,7 @@ impl Relighter {
         self.scene_hash == scene.hash()
     }
 
-    /// Connects lights in the scene of the bake from now on, where that can be: their diffuse light has much less noise.
+    /// Connects lights in the scene of the bake from now on, where that can be: they have much less noise then.
     ///
     /// # Errors
     /// If the scene is not that of the bake ([`Self::is_of`]), or has too many triangles.
@@ -64,7 +64,7 @@ impl Relighter {
         lights.iter().filter(|light| is_gathered(light) && self.is_under_sampled(light)).collect()
     }
 
-    /// True if the diffuse light of a light is connected.
+    /// True if a light is connected.
     pub(super) fn connects(&self, light: &Light) -> bool {
         self.gather.as_ref().is_some_and(|gather| gather.connects(light))
     }
