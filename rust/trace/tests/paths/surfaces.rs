@@ -193,7 +193,12 @@ fn caustics_can_be_switched_off() {
         let mut settings = settings(256);
         settings.paths.caustics_reflective = caustics;
         let paths = image_paths(&scene, &settings);
-        paths.iter().flatten().flat_map(|path| &path.segments).filter(|s| s.lobe == Lobe::Glossy).count()
+        paths
+            .iter()
+            .flatten()
+            .flat_map(|path| &path.segments)
+            .filter(|s| s.lobe.ray_kind() == Lobe::Glossy)
+            .count()
     };
     assert!(glossy(true) > 50);
     assert_eq!(glossy(false), 0);
@@ -209,7 +214,12 @@ fn what_comes_through_a_translucent_surface_is_diffuse_for_caustics() {
         let mut settings = settings(64);
         settings.paths.caustics_reflective = caustics;
         let paths = image_paths(&scene, &settings);
-        paths.iter().flatten().flat_map(|path| &path.segments).filter(|s| s.lobe == Lobe::Glossy).count()
+        paths
+            .iter()
+            .flatten()
+            .flat_map(|path| &path.segments)
+            .filter(|s| s.lobe.ray_kind() == Lobe::Glossy)
+            .count()
     };
     assert!(glossy(true) > 50);
     assert_eq!(glossy(false), 0);
