@@ -206,7 +206,7 @@ def _warn_about(obj: bpy.types.Object, warn: Callable[[str], None]) -> None:
     problems = (
         (
             obj.data.type == "AREA" and obj.data.spread < NARROW_SPREAD,
-            "few paths find a spread below 15 degrees; its light is grainy, and missing near 0 degrees",
+            "few paths find a spread below 15 degrees; its light in fog, on shiny surfaces and behind glass is grainy",
         ),
         (
             cycles is not None and cycles.is_caustics_light,

@@ -155,14 +155,20 @@ fn crossed_share(light: u32, s: Segment) -> f32 {
     return 1.0 / (1.0 + ratio * ratio);
 }
 
-// Squared distance of a place from a light: from the centre of a ball, from the next point of an area; 1 for a sun, 0 for a
-// sheared area.
+// Squared distance of a place from a light: from the centre of a ball, from the next point of an area, but of one with a spread at
+// least that from which all of it shines to the place; 1 for a sun, 0 for a sheared area.
 fn squared_distance(light: u32, place: vec3f) -> f32 {
     let from_center = place - lights[light].center;
     switch lights[light].kind {
         case QUAD, ELLIPSE: {
             let nearest = along_edge(lights[light].inverse_u, from_center) + along_edge(lights[light].inverse_v, from_center);
-            return dot(from_center - nearest, from_center - nearest);
+            let squared = dot(from_center - nearest, from_center - nearest);
+            if lights[light].normalisation == 0.0 {
+                return squared;
+            }
+            let share = select(1.0, 0.25 * PI, lights[light].kind == ELLIPSE);
+            let area = share / (length(lights[light].inverse_u) * length(lights[light].inverse_v));
+            return max(squared, area / (PI * lights[light].tan_half * lights[light].tan_half));
         }
         case SUN: { return 1.0; }
         case SHEARED_QUAD, SHEARED_ELLIPSE: { return 0.0; }

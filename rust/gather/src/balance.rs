@@ -81,15 +81,18 @@ fn area(profile: &Profile) -> f32 {
     }
 }
 
-/// Squared distance of a place from a light: from the centre of a ball, from the next point of an area; 1 for a sun, 0 for a sheared
-/// area, all of whose light counts by crossings.
+/// Squared distance of a place from a light: from the centre of a ball, from the next point of an area, but of one with a spread at
+/// least that from which all of it shines to the place; 1 for a sun, 0 for a sheared area, all of whose light counts by crossings.
 fn distance2(profile: &Profile, place: Vec3) -> f32 {
     match profile {
         Profile::Sphere(ball)
         | Profile::FacingDisk(ball)
         | Profile::Spot { ball, .. }
         | Profile::StretchedSpot { ball, .. } => ball.center.distance_squared(place),
-        Profile::Area { plane, .. } => nearest(plane, place).distance_squared(place),
+        Profile::Area { plane, spread } => {
+            let least = spread.map_or(0.0, |spread| area(profile) / (PI * spread.tan_half * spread.tan_half));
+            nearest(plane, place).distance_squared(place).max(least)
+        }
         Profile::Sun { .. } => 1.0,
         Profile::Sheared(_) => 0.0,
     }

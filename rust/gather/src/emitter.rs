@@ -8,7 +8,7 @@ use relume_scene::{Light, LightShape};
 
 use crate::GatherError;
 use crate::balance::Balance;
-use crate::light::{Ball, FAR, Plane, PreparedLight, Profile};
+use crate::light::{Ball, FAR, Plane, PreparedLight, Profile, Spread};
 use crate::rules::with_rules;
 
 /// A light that is summed over vertices by points on it, but for the shares that count by crossings. Its size has no floor.
@@ -88,7 +88,7 @@ fn direction(profile: &Profile, origin: Vec3, normal: Vec3, u: [f32; 2]) -> Opti
             let secant = (1.0 + tan2).sqrt();
             Some(in_cone(to_center.try_normalize()?, tan2 / (secant * (secant + 1.0)), u))
         }
-        Profile::Area { plane, .. } => to_plane(&plane, origin, u),
+        Profile::Area { plane, spread } => to_plane(&plane, spread, origin, u),
         Profile::Sun { direction, chord2 } => Some(in_cone(direction, 0.5 * chord2, u)),
         Profile::Sheared(_) => None,
     }
@@ -119,21 +119,39 @@ fn around(axis: Vec3, cos: f32, sine: f32, turn: f32) -> Vec3 {
     axis * cos + (x * cos_turn + y * sin_turn) * sine
 }
 
-/// A direction to a point that is uniform on an area.
-fn to_plane(plane: &Plane, origin: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
+/// A direction to a point that is uniform on an area, or on the square of it that shines to there.
+fn to_plane(plane: &Plane, spread: Option<Spread>, origin: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
     let [edge_u, edge_v] =
         [plane.inverse_u, plane.inverse_v].map(|inverse| inverse / inverse.length_squared());
-    let (place, share) = if plane.is_ellipse {
+    let (low, high) = match spread {
+        Some(spread) => shining(plane, spread, origin)?,
+        None => (Vec2::splat(-0.5), Vec2::splat(0.5)),
+    };
+    let rectangle = (high - low).element_product();
+    let (place, share) = if plane.is_ellipse && rectangle > 0.25 * PI {
         let radius = 0.5 * u[0].sqrt();
         (Vec2::from_angle(u[1] * TAU) * radius, 0.25 * PI)
     } else {
-        (Vec2::from(u) - 0.5, 1.0)
+        (low + Vec2::from(u) * (high - low), rectangle)
     };
     let towards = plane.center + edge_u * place.x + edge_v * place.y - origin;
     let direction = towards.try_normalize()?;
     let area = edge_u.length() * edge_v.length() * share;
     let cos = -direction.dot(plane.normal);
     (cos > 0.0).then(|| (direction, towards.length_squared() / (cos * area)))
+}
+
+/// Corners of the rectangle of an area, in lengths of its edges from its centre, that holds all points which shine to a place;
+/// nothing if none does.
+fn shining(plane: &Plane, spread: Spread, origin: Vec3) -> Option<(Vec2, Vec2)> {
+    let from_center = origin - plane.center;
+    let inverse = [plane.inverse_u, plane.inverse_v];
+    let middle = Vec2::from(inverse.map(|inverse| from_center.dot(inverse)));
+    let radius = from_center.dot(plane.normal) * spread.tan_half;
+    let half = Vec2::from(inverse.map(|inverse| radius * inverse.length()));
+    let [low, high] =
+        [middle - half, middle + half].map(|corner| corner.clamp(Vec2::splat(-0.5), Vec2::splat(0.5)));
+    low.cmplt(high).all().then_some((low, high))
 }
 
 #[cfg(test)]
@@ -180,6 +198,31 @@ mod tests {
             }
         }
         assert!(seen > 60, "{seen} lights were seen");
+    }
+
+    #[test]
+    fn an_area_of_narrow_spread_lights_what_is_below_it_as_a_lambertian_one_all_around() {
+        let manifest = random_dump_of(2, &[1]).manifest().clone();
+        let [edge_u, edge_v] = [Vec3::X, Vec3::NEG_Y];
+        for spread in [0.3, 0.01] {
+            for shape in [
+                LightShape::Quad { center: Vec3::ZERO, edge_u, edge_v, spread },
+                LightShape::Ellipse { center: Vec3::ZERO, edge_u, edge_v, spread },
+            ] {
+                let light = Light::unit(shape);
+                let emitter = Emitter::new(&light, &manifest, Balance { connected: 1, crossed: 1 }).unwrap();
+                let irradiance = |x: f32| {
+                    let of = |i| {
+                        let sample = emitter.sample(Vec3::new(x, 0.2, -1.0), Vec3::Z, even(i));
+                        sample.map_or(0.0, |sample| sample.radiance.x * sample.direction.z)
+                    };
+                    (0..4096).map(of).sum::<f32>() / 4096.0
+                };
+                // A spread is normalised so that the irradiance stays that of a Lambertian area all around, pi.
+                assert!((irradiance(0.2) / PI - 1.0).abs() < 0.02, "{} of {spread}", irradiance(0.2));
+                assert_eq!(irradiance(0.7), 0.0);
+            }
+        }
     }
 
     #[test]
