@@ -35,7 +35,7 @@ def follow(scene: bpy.types.Scene) -> bool:
     if not open_shots.all_of(scene):
         return False
     through = list(views.through_cameras(scene))
-    wanted = {}
+    wanted: dict[str, tuple[Any, str]] = {}
     for view in through:
         if view.is_local and (entry := listed_view.entry_of(scene, view.camera)) is not None:
             wanted.setdefault(entry.key, (entry, view.layer))
@@ -43,12 +43,12 @@ def follow(scene: bpy.types.Scene) -> bool:
         shot.is_seen_beside = shot.key in wanted
     busy = folders_in_use(scene)
     for shot in open_shots.beside(scene):
-        if not shot.is_seen_beside or shot.folder in busy or listed_view.why_not(scene, *wanted[shot.key]):
+        if not shot.is_seen_beside or shot.folder in busy or listed_view.other_state(scene, *wanted[shot.key]):
             shot.close()
     current = open_shots.of(scene)
+    shown = [open_shots.showing(scene, view.camera) for view in through]
     if current is not None:
-        is_seen = any(current.recognises(view.camera) for view in through)
-        current.is_seen = is_seen or not open_shots.beside(scene)
+        current.is_seen = current in shown or not open_shots.beside(scene)
     _follow_mouse(bool(wanted))
     _attend(scene, through)
     missing = [found for key, found in wanted.items() if open_shots.by_key(scene, key) is None]

@@ -11,6 +11,7 @@ from typing import Any
 import bpy
 import gpu
 
+from ..core import status
 from ..engine.shot import listed_view, open_shots
 from ..engine.shot.shot import Shot
 from . import camera_frame, compare, shader, texture
@@ -38,6 +39,8 @@ class Show:
     gain: float = 1.0
     labels: tuple[str, str] = ("Relume", "View")
     """Names of the sides left and right of the split."""
+    title: str = ""
+    """Words on a shot beside the current one, of which the side bar speaks."""
 
 
 def what_to_show(
@@ -63,6 +66,8 @@ def what_to_show(
     mode = settings.compare if pair else "B"
     drawn = frame.part(*camera_frame.border_of(scene))
     options = {"opacity": settings.opacity, "gain": settings.difference_gain}
+    if not is_current:
+        options["title"] = _title(scene, camera, shot)
     if mode == "WIPE":
         options |= {"mode": SPLIT, "split": split_of(scene, frame), "labels": pair.labels}
     elif mode == "DIFFERENCE":
@@ -71,6 +76,13 @@ def what_to_show(
         first = second = first if mode == "A" else second
         options |= {"split": split_of(scene, frame) if settings.wipe else NEVER}
     return Show((region.width, region.height), frame, drawn, first, second, **options)
+
+
+def _title(scene: bpy.types.Scene, camera: bpy.types.Object, shot: Shot) -> str:
+    """Name and state of a shot beside the current one."""
+    entry = listed_view.entry_of(scene, camera)
+    words = [entry.name if entry is not None else camera.name, status.shown(shot.status), *shot.changes.sentences]
+    return ". ".join(filter(None, words))
 
 
 def words_without_shot(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> str:

@@ -33,18 +33,24 @@ def _other_frame(scene: bpy.types.Scene, entry: Any) -> str:
     return f"is of frame {entry.frame}; go there to see it"
 
 
-def why_not(scene: bpy.types.Scene, entry: Any, layer: str) -> str:
-    """Reason why a shot cannot be shown beside the current one in a window with a view layer, in words that follow its
-    name; empty if it can."""
+def other_state(scene: bpy.types.Scene, entry: Any, layer: str) -> str:
+    """Why a shot is of another state than a window with a view layer has, in words that follow its name; empty if it
+    is of the same."""
     if words := _other_frame(scene, entry):
         return words
-    if entry.layer not in {"", layer}:
-        return f"is of view layer '{entry.layer}', and this window shows '{layer}'"
+    return "" if entry.layer in {"", layer} else f"is of view layer '{entry.layer}', and this window shows '{layer}'"
+
+
+def why_not(scene: bpy.types.Scene, entry: Any, layer: str) -> str:
+    """Reason why a shot cannot be shown beside the current one in such a window; empty if it can. Looks at the
+    disk."""
+    if words := other_state(scene, entry, layer):
+        return words
     folder = shot_list.baked_folder(scene, entry)
     if folder is None:
         return "has no bake yet; press Bake All in the panel Shots"
-    others = [shot.folder for shot in open_shots.all_open() if shot.is_seen_beside]
-    if sum(map(_bytes_of, [*others, folder])) > MOST_BYTES:
+    shown = {shot.folder for shot in open_shots.all_open() if shot.is_seen_beside}
+    if sum(map(_bytes_of, shown | {folder})) > MOST_BYTES:
         return "does not fit in memory with the others that are shown; close some of the views"
     return ""
 

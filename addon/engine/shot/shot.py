@@ -111,8 +111,6 @@ class Shot:
         shot = cls(scene, dataclasses.replace(options, folder=folder), record.read(folder))
         if beside is None:
             shot._replace_current(scene)
-        else:
-            open_shots.add_beside(shot)
         shot.is_recorded = True
         shot._enter(ShotPhase.PREPARING)
         shot._remaining.read()
@@ -124,6 +122,8 @@ class Shot:
             words = f"Camera '{shot.camera}' of this bake is not in the scene"
             shot.warnings.append(f"{words}: if it was renamed, give it that name again; else start anew")
         shot._live.open()
+        if beside is not None:
+            open_shots.add_beside(shot)
         return shot
 
     def _replace_current(self, scene: bpy.types.Scene) -> None:

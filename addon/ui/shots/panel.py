@@ -16,7 +16,7 @@ from ...export.current_shot import active_entry, entries, shot_camera
 from ..background import progress
 from ..main_panel import on_disk
 from ..panel import RelumePanel, message
-from . import sheet
+from . import lay_out, sheet
 from .operators import PROBLEMS
 
 
@@ -226,6 +226,7 @@ def _draw_baking(layout, scene) -> None:
 
 
 def _draw_sheet(layout, scene) -> None:
+    layout.operator("relume.lay_out", icon="VIEW_CAMERA")
     row = layout.row(align=True)
     row.operator("relume.contact_sheet", icon="IMGDISPLAY")
     row.operator("relume.save_sheet", text="", icon="EXPORT")
@@ -235,7 +236,7 @@ def _draw_sheet(layout, scene) -> None:
         message(layout, words, "ERROR")
 
 
-CLASSES = (RELUME_UL_shots, RELUME_OT_contact_sheet, RELUME_OT_save_sheet, RELUME_PT_shots)
+CLASSES = (RELUME_UL_shots, lay_out.RELUME_OT_lay_out, RELUME_OT_contact_sheet, RELUME_OT_save_sheet, RELUME_PT_shots)
 _register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
