@@ -3,15 +3,15 @@ their own. All take turns on one device, within one budget of memory."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
 import bpy
 
 from ..native import native
+from ..reading.scene_lights import SceneLights
 
-if TYPE_CHECKING:
-    from ..reading.scene_lights import SceneLights
-    from .shot import Shot
+Shot: TypeAlias = Any
+"""A `shot.Shot`, of a module that imports this one."""
 
 _current: dict[int, Shot] = {}
 """The current shot of each scene, by its session uid."""

@@ -29,7 +29,6 @@ from ..staleness.tracker import StalenessTracker
 from ..world import worlds
 from ..world.world_follower import WorldFollower
 from . import open_shots, record
-from .open_shots import all_open, of
 from .options import Options, options_of, remember_bake, remembered_bake
 from .passes import Passes, Whole
 from .remaining_work import RemainingWork
@@ -477,6 +476,16 @@ class Shot:
 
 def _view_layer(scene: bpy.types.Scene) -> str:
     return bpy.context.view_layer.name if bpy.context.scene == scene else scene.view_layers[0].name
+
+
+def of(scene: bpy.types.Scene) -> Shot | None:
+    """The current shot of a scene, if it is open."""
+    return open_shots.of(scene)
+
+
+def all_open() -> list[Shot]:
+    """All open shots, the current ones first."""
+    return open_shots.all_open()
 
 
 def close_all(wait_seconds: float = 0.0) -> None:
