@@ -251,7 +251,7 @@ def test_three_real_shots_follow_one_light_and_each_is_its_relight(studio, looks
     until(studio, lambda _: all(map(settled, shot.all_open())), "all pictures")
     pictures = []
     for found in shot.all_open():
-        text = json.dumps({"lights": scheduler.content_of(studio, found)["lights"]})
+        text = json.dumps({"format": "relume-lights", "version": 1, "lights": scheduler.lights_of(studio, found)})
         expected = relume.Relighter(found.folder).relight(text)["combined"]
         assert np.abs(found.frame.image[::-1, :, :3] - expected).max() < 1e-5
         pictures.append(found.frame.image)

@@ -91,8 +91,9 @@ def add_beside(shot: Shot) -> None:
 
 def remove(shot: Shot) -> None:
     """Forgets a shot that is closed."""
-    if _current.get(shot.scene_uid) is shot:
-        del _current[shot.scene_uid]
-    left = [other for other in _beside.pop(shot.scene_uid, ()) if other is not shot]
+    uid = shot.scene_uid
+    if _current.get(uid) is shot:
+        del _current[uid]
+    left = [other for other in _beside.pop(uid, ()) if other is not shot]
     if left:
-        _beside[shot.scene_uid] = left
+        _beside[uid] = left

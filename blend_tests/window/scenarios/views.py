@@ -101,7 +101,7 @@ def play(driver):
         yield from driver.until(lambda: not rest(), "an edit", 30)
         yield from driver.until(rest, "rest", 300)
         for found in shots():
-            lights = json.dumps({"lights": live.content_of(scene, found)["lights"]})
+            lights = json.dumps({"format": "relume-lights", "version": 1, "lights": live.lights_of(scene, found)})
             expected = relume.Relighter(found.folder).relight(lights)["combined"]
             difference = float(np.abs(found.frame.image[::-1, :, :3] - expected).max())
             driver.check(difference < 1e-3, f"{found.camera} is its relight: {difference}")

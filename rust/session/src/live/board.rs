@@ -155,9 +155,8 @@ impl Seat {
     pub fn turn(self: &Arc<Self>, stage: Stage, stop: impl Fn() -> bool) -> Option<Turn> {
         let mut state = self.board.lock();
         state.waiting.push(Waiting { seat: self.number, stage });
-        let is_mine = |state: &BoardState| {
-            state.taken.is_none() && state.next(Instant::now()) == Some(self.number)
-        };
+        let is_mine =
+            |state: &BoardState| state.taken.is_none() && state.next(Instant::now()) == Some(self.number);
         let mut stopped = false;
         while !(stopped || is_mine(&state)) {
             let waited = self.board.0.changed.wait_timeout(state, LOOK_AGAIN);

@@ -77,7 +77,13 @@ impl Live {
     /// A shot with its bake in `folder`. Nothing is read or written yet.
     pub fn new(folder: &Path, options: LiveOptions) -> Self {
         let seat = options.board.seat();
-        Self { folder: folder.to_path_buf(), options, shared: Arc::default(), seat, threads: Mutex::default() }
+        Self {
+            folder: folder.to_path_buf(),
+            options,
+            shared: Arc::default(),
+            seat,
+            threads: Mutex::default(),
+        }
     }
 
     /// Bakes a scene into the folder and shows pictures after every pass. Then it trains a proxy for so many seconds
@@ -190,9 +196,8 @@ impl Live {
             })
         };
         if threads.render.as_ref().is_none_or(JoinHandle::is_finished) {
-            let thread =
-                RenderThread::new(self.shared.clone(), self.options.clone(), self.seat.clone())
-                    .storing_in(&self.folder);
+            let thread = RenderThread::new(self.shared.clone(), self.options.clone(), self.seat.clone())
+                .storing_in(&self.folder);
             threads.render = Some(spawn("relume-render", Box::new(move || thread.run()))?);
         }
         let cancel = Cancel::default();
