@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import bpy
@@ -10,6 +11,7 @@ import bpy
 from ...export.current_shot import entries, shot_camera
 
 MOST_VIEWS = 9
+STEP_SECONDS = 0.02
 
 _laid_out: set[int] = set()
 """Areas that were made, by their place in memory."""
@@ -27,23 +29,30 @@ def grid(count: int) -> list[int]:
     return [count // rows + (row < count % rows) for row in range(rows)]
 
 
-def lay_out(window: bpy.types.Window, area: bpy.types.Area, cameras: list[bpy.types.Object]) -> None:
-    """Splits an area, and has each part look through a camera."""
+def lay_out(window: bpy.types.Window, area: bpy.types.Area, cameras: list[bpy.types.Object]) -> Iterator[None]:
+    """Splits an area, and has each part look through a camera. Blender gives new areas their size in a later turn."""
+    columns = grid(len(cameras))
     parts = []
-    for number, row in enumerate(_split(window, area, "HORIZONTAL", len(grid(len(cameras))))):
-        parts += _split(window, row, "VERTICAL", grid(len(cameras))[number])
+    rows = yield from _split(window, area, "HORIZONTAL", len(columns))
+    for number, row in enumerate(sorted(rows, key=lambda row: -row.y)):
+        parts += yield from _split(window, row, "VERTICAL", columns[number])
     parts.sort(key=lambda part: (-part.y, part.x))
-    for part, camera in zip(parts, cameras, strict=True):
+    _laid_out.update(part.as_pointer() for part in parts if part != area)
+    for part, camera in zip(parts, cameras, strict=False):
         space = part.spaces.active
         space.use_local_camera, space.camera = True, camera
         space.region_3d.view_perspective = "CAMERA"
         space.show_region_ui = part == area and space.show_region_ui
-        _view_all(window, part)
-    _laid_out.update(part.as_pointer() for part in parts if part != area)
+    yield
+    for part in parts:
+        with bpy.context.temp_override(window=window, area=part, region=_main_region(part)):
+            bpy.ops.view3d.view_center_camera()
 
 
-def _split(window: bpy.types.Window, area: bpy.types.Area, direction: str, count: int) -> list[bpy.types.Area]:
-    """Equal parts of an area, in any order."""
+def _split(
+    window: bpy.types.Window, area: bpy.types.Area, direction: str, count: int
+) -> Generator[None, None, list[bpy.types.Area]]:
+    """Equal parts of an area, in any order; fewer where it is too small."""
     parts = [area]
     for left in range(count, 1, -1):
         known = {other.as_pointer() for other in window.screen.areas}
@@ -51,6 +60,8 @@ def _split(window: bpy.types.Window, area: bpy.types.Area, direction: str, count
         with bpy.context.temp_override(window=window, area=largest, region=_main_region(largest)):
             bpy.ops.screen.area_split(direction=direction, factor=1.0 / left)
         parts += [other for other in window.screen.areas if other.as_pointer() not in known]
+        while not all(part.width for part in parts):
+            yield
     return parts
 
 
@@ -58,27 +69,30 @@ def _main_region(area: bpy.types.Area) -> bpy.types.Region:
     return next(region for region in area.regions if region.type == "WINDOW")
 
 
-def _view_all(window: bpy.types.Window, area: bpy.types.Area) -> None:
-    """Fits the camera's frame into a view."""
-    with bpy.context.temp_override(window=window, area=area, region=_main_region(area)):
-        bpy.ops.view3d.view_center_camera()
-
-
 def laid_out(screen: bpy.types.Screen) -> list[bpy.types.Area]:
     """The views of a screen that were made."""
     return [area for area in screen.areas if area.type == "VIEW_3D" and area.as_pointer() in _laid_out]
 
 
-def put_together(window: bpy.types.Window, area: bpy.types.Area) -> None:
-    """Closes the views that were made, and has the one that is left look through the scene's camera."""
-    kept = area if area.as_pointer() not in _laid_out else None
-    for made in laid_out(window.screen):
-        with bpy.context.temp_override(window=window, area=made, region=_main_region(made)):
+def put_together(window: bpy.types.Window) -> Iterator[None]:
+    """Closes the views that were made, one in a turn, and has those that are left look through the scene's camera."""
+    while made := laid_out(window.screen):
+        _laid_out.discard(made[0].as_pointer())
+        with bpy.context.temp_override(window=window, area=made[0], region=_main_region(made[0])):
             bpy.ops.screen.area_close()
-    _laid_out.intersection_update(other.as_pointer() for other in window.screen.areas)
-    for other in window.screen.areas:
-        if other == kept or (kept is None and other.type == "VIEW_3D"):
-            other.spaces.active.use_local_camera = False
+        yield
+    for area in window.screen.areas:
+        if area.type == "VIEW_3D":
+            area.spaces.active.use_local_camera = False
+
+
+def _play(steps: Iterator[None]) -> None:
+    def step() -> float | None:
+        for _ in steps:
+            return STEP_SECONDS
+        return None
+
+    bpy.app.timers.register(step)
 
 
 class RELUME_OT_lay_out(bpy.types.Operator):  # noqa: N801 -- Blender's naming
@@ -97,7 +111,7 @@ class RELUME_OT_lay_out(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     def execute(self, context: Any) -> set[str]:
         """Called by Blender."""
         if laid_out(context.window.screen):
-            put_together(context.window, context.area)
+            _play(put_together(context.window))
         else:
-            lay_out(context.window, context.area, cameras_of(context.scene))
+            _play(lay_out(context.window, context.area, cameras_of(context.scene)))
         return {"FINISHED"}
