@@ -86,7 +86,8 @@ def play(driver):
 
     with driver.step("mouse"):
         seen = addon("live.seen")
-        for view in views():
+        # The view of the current shot is the last, for the drag.
+        for view in sorted(views(), key=lambda view: view.spaces.active.camera == scene.camera):
             camera = view.spaces.active.camera
             yield from driver.move_mouse(view.x + view.width / 2, view.y + view.height / 2)
             yield from driver.until(
