@@ -35,8 +35,9 @@ def fake_native(monkeypatch):
     """A fake native module."""
     import relume
 
-    from fake_live import FakeLight, FakeLive, FakeRequest
+    from fake_live import FakeBoard, FakeLight, FakeLive, FakeRequest
 
+    monkeypatch.setattr(relume, "Board", FakeBoard, raising=False)
     monkeypatch.setattr(relume, "Live", FakeLive)
     monkeypatch.setattr(relume, "Light", FakeLight)
     monkeypatch.setattr(relume, "Request", FakeRequest)

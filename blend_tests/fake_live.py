@@ -28,12 +28,17 @@ class FakeRequest:
         return request
 
 
+class FakeBoard:
+    """Stands in for `relume.Board`."""
+
+
 class FakeLive:
     """Remembers what it was asked; `tell` and `show` are its answers."""
 
     made = []
 
-    def __init__(self, folder, *, device="auto", gpu_memory=None, threads=0):
+    def __init__(self, folder, *, device="auto", gpu_memory=None, threads=0, board=None):
+        self.board = board
         self.arguments = {"folder": folder, "device": device, "gpu_memory": gpu_memory, "threads": threads}
         self.calls = []
         self.requests = []
@@ -89,6 +94,10 @@ class FakeLive:
     def status(self):
         """Stands in for `Live.status`."""
         return relume.LiveStatus(**self.state)
+
+    def attend(self):
+        """Stands in for `Live.attend`."""
+        self.calls.append(("attend",))
 
     def pause(self, paused):
         """Stands in for `Live.pause`."""

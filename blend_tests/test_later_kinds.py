@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from addon.core import bake_goal, status
-from addon.engine.shot import options, shot
+from addon.engine.shot import options, requests, shot
 from addon.live.scheduler import scheduler
 from addon.ui.start import start
 from fake_live import FakeLive
@@ -70,7 +70,7 @@ def test_it_is_learned_once_though_its_proxy_cannot_be_read(ready):
 
 def test_nothing_is_learned_for_what_is_only_tried(lit, ready):
     found = shot.of(lit)
-    found.ask(shot.kept_request('{"lights": []}'))  # As the solver does.
+    found.ask(requests.kept_request('{"lights": []}'))  # As the solver does.
     ready.tell(unlearned=["quad"])
     scheduler.tick()
     assert not learned(ready)

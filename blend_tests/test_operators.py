@@ -445,7 +445,7 @@ def call(scene, work):
 
 AROUND = {"solve": solve_to_the_end}
 """Generators that must go on while a function does its work."""
-OF_THE_WINDOW = {"look_through_camera", "pick_brush"}
+OF_THE_WINDOW = {"lay_out", "look_through_camera", "pick_brush"}
 
 
 def test_all_operators_are_compared(registered_for_all_files):

@@ -16,13 +16,12 @@ from addon.core.pass_names import light_passes
 from addon.engine.reading.scene import load_scene
 from addon.engine.render import render_engine
 from addon.engine.render.render_engine import ALBEDO_HERE
-from addon.engine.shot import background
+from addon.engine.shot import background, open_shots
 from addon.engine.shot.options import remember_bake
 from addon.export.camera import film_border
 from addon.live import rows
 from addon.ui import render as ui
 from addon.viewport import rendered
-from addon.viewport.camera_frame import Rectangle
 from exr import read_exr
 from helpers import (
     add,
@@ -273,16 +272,15 @@ def test_disabling_ends_a_render_and_enabling_allows_it_again(shot, tmp_path):
     assert render(shot, tmp_path)["Combined"].max() > 0.0
 
 
-def test_a_view_says_why_it_shows_nothing(shot):
-    frame = Rectangle(0, 0, 1, 1)
-    opened = SimpleNamespace(camera="Camera", picture=None, is_working=True)
-    opened.recognises = lambda camera: camera == shot.camera
-    assert "Start" in rendered.why_not(None, shot.camera, frame)
-    assert "'Camera'" in rendered.why_not(opened, shot.camera, None)
-    assert "No bake" in rendered.why_not(opened, shot.objects["Key"], frame)
-    assert "on its way" in rendered.why_not(opened, shot.camera, frame)
+def test_a_view_says_why_it_shows_nothing(shot, monkeypatch):
+    opened = SimpleNamespace(camera="Camera", picture=None, is_working=True, is_seen_beside=False)
+    assert "Start" in rendered.why_not(shot, None, shot.camera)
+    monkeypatch.setattr(open_shots, "all_of", lambda _scene: [opened])
+    assert "'Camera'" in rendered.why_not(shot, None, None)
+    assert "No bake" in rendered.why_not(shot, None, shot.objects["Key"])
+    assert "on its way" in rendered.why_not(shot, opened, shot.camera)
     opened.picture = object()
-    assert rendered.why_not(opened, shot.camera, frame) == ""
+    assert rendered.why_not(shot, opened, shot.camera) == ""
 
 
 def test_pass_names_are_those_of_the_command_line():

@@ -163,13 +163,13 @@ def test_without_its_light_the_view_shows_the_whole_picture(two, how):
 def test_other_views_and_engines_want_nothing(two):
     scene, _live = two
     show(scene, "world")
-    assert views.passes_of(scene) == {"world"}
+    assert views.passes_of(scene, shot.of(scene)) == {"world"}
     view().type = "SOLID"
-    assert views.passes_of(scene) == set()
+    assert views.passes_of(scene, shot.of(scene)) == set()
     view().type, scene.render.engine = "RENDERED", "CYCLES"
-    assert views.passes_of(scene) == set()
+    assert views.passes_of(scene, shot.of(scene)) == set()
     show(scene, "Combined")
-    assert views.passes_of(scene) == set()
+    assert views.passes_of(scene, shot.of(scene)) == set()
 
 
 def test_the_menu_sets_what_it_shows(two):

@@ -35,8 +35,9 @@ def shown(scene, monkeypatch):
         is_working=False,
         is_tracing=False,
         recognises=lambda _camera: True,
+        is_seen_beside=False,
     )
-    monkeypatch.setattr(rendered.shots, "of", lambda _scene: opened)
+    monkeypatch.setattr(rendered.open_shots, "all_of", lambda _scene: [opened])
     place = rendered.Rectangle(LEFT, BOTTOM, LEFT + WIDTH, BOTTOM + HEIGHT)
     monkeypatch.setattr(rendered.camera_frame, "frame_of", lambda *_arguments: place)
     engine = SimpleNamespace(bind_display_space_shader=lambda _scene: None, unbind_display_space_shader=lambda: None)

@@ -13,6 +13,7 @@ from ..core.looks import match
 from ..core.receivers import with_numbers
 from ..core.rows import mix_for
 from ..core.status import is_final
+from ..engine.shot import requests
 from ..engine.shot import shot as shots
 from ..viewport import compare
 from . import rows
@@ -44,7 +45,7 @@ class Comparison:
         self._ask()
 
     def _ask(self) -> None:
-        self.number = self.shot.ask(shots.kept_request(self.requests[len(self.frames)]))
+        self.number = self.shot.ask(requests.kept_request(self.requests[len(self.frames)]))
         scheduler.wake()
 
     def step(self) -> bool:
@@ -99,7 +100,7 @@ def request_of(scene: bpy.types.Scene, shot: shots.Shot, look: Any) -> str:
     values = match(look.look(), [*present, *groups]).rows
     names = [light["name"] for light in lights]
     mix = mix_for(names, values[: len(present)], values[len(present) :], memberships)
-    return shots.request_text({"lights": lights, **mix})
+    return requests.request_text({"lights": lights, **mix})
 
 
 def _timer() -> float | None:

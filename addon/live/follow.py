@@ -8,8 +8,8 @@ import bpy
 
 from ..core.phase import ShotPhase
 from ..core.shots import AUTOMATIC
+from ..engine.shot import open_shots, shot_list
 from ..engine.shot import shot as shots
-from ..engine.shot import shot_list
 from ..export.current_shot import active_entry, current_entry, shot_camera
 from . import opening
 from .scheduler import scheduler
@@ -34,9 +34,12 @@ def follow(scene: bpy.types.Scene) -> None:
 def show(scene: bpy.types.Scene) -> None:
     """Shows the bake of the current shot, or nothing where it has none. A bake under way is left alone."""
     opened, entry = shots.of(scene), current_entry(scene)
-    if entry is None or (opened is not None and (_is_baking(opened) or opened.options.shot == entry.key)):
+    if entry is None or (opened is not None and (_is_baking(opened) or opened.key == entry.key)):
         return
-    if shot_list.baked_folder(scene, entry) is not None:
+    if (beside := open_shots.by_key(scene, entry.key)) is not None:
+        open_shots.add_current(beside)
+        scheduler.wake()
+    elif shot_list.baked_folder(scene, entry) is not None:
         if opening.open_stored(scene) is not None:
             scheduler.read_lights(scene)
     elif opened is not None:
@@ -51,5 +54,5 @@ def _is_baking(opened: shots.Shot) -> bool:
 def adopt(scene: bpy.types.Scene) -> None:
     """Takes the open shot of a scene that had no list for the one that its camera has in the new list."""
     opened, entry = shots.of(scene), current_entry(scene)
-    if opened is not None and entry is not None and opened.options.shot == AUTOMATIC:
+    if opened is not None and entry is not None and opened.key == AUTOMATIC:
         opened.options = dataclasses.replace(opened.options, shot=entry.key)

@@ -8,9 +8,10 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..engine.reading.render_depsgraph import on_render_init, remove_copies
+from ..engine.shot import open_shots
 from ..engine.shot import shot as shots
 from ..engine.shot.options import preferences, remember_bake, remembered_bake
-from . import opening, rows
+from . import opening, rows, seen
 from .scheduler import IDLE_SECONDS, scheduler
 
 EXIT_SECONDS = 5.0
@@ -24,14 +25,14 @@ def on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) 
     """Notices edits of the scene, of its lights and of their names."""
     if rows.are_outdated(scene, depsgraph):
         _sync_rows([scene])
-    shot = shots.of(scene)
-    if shot is None or depsgraph.mode != "VIEWPORT":
+    found = open_shots.all_of(scene)
+    if not found or depsgraph.mode != "VIEWPORT":
         return
-    if scene.camera is not None:
-        shot.recognises(scene.camera)
-    lights = shot.lights.update(depsgraph, scheduler.read_seconds)
-    world = shot.changes.mark(scene, list(depsgraph.updates))
-    if lights or world:
+    open_shots.showing(scene, scene.camera)  # It may have a new name.
+    updates = list(depsgraph.updates)
+    lights = [lights.update(depsgraph, scheduler.read_seconds) for lights in open_shots.lights_of(scene)]
+    worlds = [shot.changes.mark(scene, updates) for shot in found]
+    if any(lights) or any(worlds):
         scheduler.request_picture(scene, interactive=True)
     scheduler.wake()
 
@@ -48,9 +49,10 @@ def _sync_rows(scenes: list[bpy.types.Scene]) -> None:
 @persistent
 def on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Notices that another frame is shown. Renders call this from a thread of their own."""
-    shot = shots.of(scene)
-    if shot is not None and not bpy.app.is_job_running("RENDER"):
-        shot.changes.mark_frame()
+    found = open_shots.all_of(scene)
+    if found and not bpy.app.is_job_running("RENDER"):
+        for shot in found:
+            shot.changes.mark_frame()
         on_depsgraph_update(scene, depsgraph)
 
 
@@ -76,10 +78,10 @@ def read_forgotten() -> None:
     # A scene that no window shows is not evaluated again before it is shown; its old state may hold data that undo has
     # freed.
     for scene in {window.scene for window in bpy.context.window_manager.windows}:
-        shot = shots.of(scene)
-        if shot is not None and shot.lights.is_forgotten:
+        found = open_shots.lights_of(scene)
+        if any(lights.is_forgotten for lights in found):
             scheduler.read_lights(scene)
-        elif shot is not None and not shot.lights.is_waiting:
+        elif not any(lights.is_waiting for lights in found):
             scheduler.request_picture(scene)
 
 
@@ -88,19 +90,17 @@ def on_save_pre(*_arguments) -> None:
     """The file is about to be written."""
     _remember_bakes()
     for scene in bpy.data.scenes:
-        shot = shots.of(scene)
-        if shot is not None and scene.camera is not None and shot.recognises(scene.camera):
+        shot = open_shots.showing(scene, scene.camera)
+        if shot is not None:
             shot.keep_record()
 
 
 def _remember_bakes() -> None:
     """Restores the locations of bakes, which must not go back with undo."""
     for scene in bpy.data.scenes:
-        shot = shots.of(scene)
-        if shot is None or not shot.is_stored:
-            continue
-        if remembered_bake(scene, shot.options.shot) != shot.folder:
-            remember_bake(scene, shot.folder, shot.options.shot)
+        for shot in open_shots.all_of(scene):
+            if shot.is_stored and remembered_bake(scene, shot.key) != shot.folder:
+                remember_bake(scene, shot.folder, shot.key)
 
 
 @persistent
@@ -154,6 +154,7 @@ def register() -> None:
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     atexit.register(_exit)
+    seen.register(scheduler.wake)
     if hasattr(bpy.data, "scenes"):  # Not while Blender itself starts; a file is opened then anyway.
         rows.find_by_name()
 
@@ -161,6 +162,7 @@ def register() -> None:
 def unregister() -> None:
     """Ends all work and removes the handlers."""
     scheduler.close_all()
+    seen.unregister()
     rows.forget()
     atexit.unregister(_exit)
     for name, handler in HANDLERS.items():

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import time
 
+import bpy
+
 from ..core import status
+from ..engine.shot import open_shots
 from ..engine.shot.shot import Shot
 from ..viewport import views
 from ..viewport.side_bar import characters, lines
@@ -39,12 +42,17 @@ class Redraws:
             took = time.perf_counter() - self._asked - interval
             self._asked, self._due = None, time.perf_counter() + max(took / SHARE, PAUSE_SECONDS)
 
-    def follow(self, shot: Shot, new_picture: bool) -> bool:
-        """Has drawn again what a shot has made old; returns True if some of that is still to be done."""
+    def follow(self, scene: bpy.types.Scene, shot: Shot, new_picture: bool) -> bool:
+        """Has drawn again what a shot has made old; returns True if some of that is still to be done. Side bars speak
+        of the current shot."""
+        if new_picture and open_shots.beside(scene):
+            views.redraw_shot(scene, shot)
+        if open_shots.of(scene) is not shot:
+            return False
         uid, says = shot.scene_uid, _words(shot)
         urgent, before = says[0], self._said.get(uid, ((), ()))
         if new_picture:
-            views.redraw("WINDOW", "UI")
+            views.redraw(*(["UI"] if open_shots.beside(scene) else ["WINDOW", "UI"]))
         elif urgent != before[0] or uid in self._settling:
             views.redraw("UI")
         elif says == before:

@@ -14,10 +14,11 @@ import bpy
 
 from ..core.phase import ShotPhase
 from ..engine.reading.scene_lights import Description
+from ..engine.shot import open_shots
 from ..engine.shot import shot as shots
 from ..engine.shot.checks import folders_in_use
 from ..viewport import views
-from . import opening, rows
+from . import opening, rows, seen
 from .redraws import Redraws
 
 TICK_SECONDS = 1 / 60
@@ -49,19 +50,23 @@ class Scheduler:
         self.redraws = Redraws()
         self._timer = self._on_timer  # Blender knows a timer by the object.
 
-    def request_picture(self, scene: bpy.types.Scene, interactive: bool = False, world: Any = None) -> None:
-        """Asks for a picture of the present lights and rows of a scene. To be called by everything that changes them;
-        `interactive` while something is being dragged, `world` as `Shot.relight` takes it."""
-        shot = shots.of(scene)
-        if shot is None:
+    def request_picture(self, scene: bpy.types.Scene, interactive: bool = False) -> None:
+        """Asks for pictures of the present lights and rows of a scene, in all its open shots that are seen. To be
+        called by everything that changes them; `interactive` while something is being dragged."""
+        found = open_shots.all_of(scene)
+        if not found:
             return
-        content = self.content_of(scene, shot)
-        is_new = shot.relight(content.pop("lights"), content, interactive, world)
+        is_new = [self._ask(scene, shot, interactive) for shot in found if shot.is_seen or not interactive]
         if not interactive:
             self.settling.pop(scene.session_uid, None)
-        elif is_new:
+        elif any(is_new):
             self.settling[scene.session_uid] = time.monotonic() + DEBOUNCE_SECONDS
         self.wake()
+
+    def _ask(self, scene: bpy.types.Scene, shot: shots.Shot, interactive: bool, world: Any = None) -> bool:
+        """Asks for the picture of one shot; `world` is as `Shot.relight` takes it. True if that is a new one."""
+        content = self.content_of(scene, shot)
+        return shot.relight(content.pop("lights"), content, interactive, world)
 
     def content_of(self, scene: bpy.types.Scene, shot: shots.Shot) -> dict[str, Any]:
         """Content of a request for a scene's picture: its "lights", "gains", "world" and "static"."""
@@ -78,10 +83,10 @@ class Scheduler:
 
     def read_lights(self, scene: bpy.types.Scene) -> None:
         """Reads all lights of a scene anew and asks for their picture; where they are many, in several ticks."""
-        shot, depsgraph = shots.of(scene), _depsgraph(scene)
-        if shot is None:
+        found, depsgraph = open_shots.lights_of(scene), _depsgraph(scene)
+        if not found:
             return
-        if depsgraph is not None and shot.lights.read(depsgraph, self.read_seconds):
+        if depsgraph is not None and all([lights.read(depsgraph, self.read_seconds) for lights in found]):
             self.request_picture(scene)
         self.wake()
 
@@ -154,6 +159,10 @@ class Scheduler:
             return True
         self._settle()
         goes_on = False
+        for scene in scenes.values():
+            if seen.follow(scene):
+                self.read_lights(scene)
+                goes_on = True
         for shot in shots.all_open():
             if shot.scene_uid in scenes:
                 goes_on |= self._poll(scenes[shot.scene_uid], shot)
@@ -173,13 +182,13 @@ class Scheduler:
         serial = shot.serial
         shot.poll()
         if not self.settling and not _is_playing():
-            shot.changes.update(scene, STALENESS_SECONDS)
+            shot.changes.update(scene, STALENESS_SECONDS / len(open_shots.all_of(scene)))
         if (world := shot.follow_world(scene)) is not None:
-            self.request_picture(scene, world=world)
+            self._ask(scene, shot, False, world)
         if shot.lacks_a_kind and shot.folder not in folders_in_use(scene):
             shot.learn_kinds()
-        shot.show_passes(views.passes_of(scene))
-        goes_on = self.redraws.follow(shot, new_picture=shot.serial != serial)
+        shot.show_passes(views.passes_of(scene, shot))
+        goes_on = self.redraws.follow(scene, shot, new_picture=shot.serial != serial)
         return goes_on or shot.is_busy or shot.changes.is_pending or shot.lights.is_waiting
 
     def _settle(self) -> None:
@@ -199,6 +208,7 @@ class Scheduler:
         self._is_awake, self._files_due = False, 0.0
         self.redraws = Redraws()
         opening.forget()
+        seen.forget()
         if bpy.app.timers.is_registered(self._timer) and not self._is_running:
             bpy.app.timers.unregister(self._timer)
 

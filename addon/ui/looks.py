@@ -16,6 +16,7 @@ from ..apply.look_lights import light_state, refusals, restore_lights
 from ..apply.writable import RefusedError
 from ..core.looks import Look, LookError, from_json, match, to_json
 from ..core.receivers import with_names
+from ..engine.shot import requests
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_objects
 from ..export.lights import name_of
@@ -77,7 +78,7 @@ def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
     entry = add(scene, current(scene, name))
     shot = shots.of(scene)
     if shot is not None:
-        request = shots.request_text(scheduler.content_of(scene, shot))
+        request = requests.request_text(scheduler.content_of(scene, shot))
         entry.request = with_names(request, shot.lights.receivers)
         if shot.present_frame is not None:
             entry.thumbnail = thumbnails.encode(scene, shot.present_frame.image)

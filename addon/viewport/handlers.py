@@ -67,6 +67,8 @@ def draw_words() -> None:
         hint = what if context.space_data.overlay.show_overlays else None
     else:
         light_marks.draw(context, what, _scale())
+        if what.title and not hint and context.space_data.overlay.show_overlays:
+            write(what.title, region.width / 2, MARGIN_POINTS * _scale())
         if what.split != overlay.NEVER:
             _draw_split(what)
     if hint:

@@ -11,7 +11,9 @@ from typing import Any
 import bpy
 import gpu
 
-from ..engine.shot import shot as shots
+from ..core import status
+from ..engine.shot import listed_view, open_shots
+from ..engine.shot.shot import Shot
 from . import camera_frame, compare, shader, texture
 from .camera_frame import Rectangle
 from .view_table import ViewTable
@@ -37,6 +39,8 @@ class Show:
     gain: float = 1.0
     labels: tuple[str, str] = ("Relume", "View")
     """Names of the sides left and right of the split."""
+    title: str = ""
+    """Words on a shot beside the current one, of which the side bar speaks."""
 
 
 def what_to_show(
@@ -46,22 +50,24 @@ def what_to_show(
     region_data: bpy.types.RegionView3D,
 ) -> Show | str | None:
     """Pictures to draw, or a hint why there are none; None where no shot is open."""
-    settings, shot = scene.relume_view, shots.of(scene)
-    if shot is None or not settings.shown or region_data.view_perspective == "ORTHO":
+    settings, found = scene.relume_view, open_shots.all_of(scene)
+    if not found or not settings.shown or region_data.view_perspective == "ORTHO":
         return None
     camera = camera_frame.camera_of(scene, space)
     frame = camera_frame.frame_of(scene, camera, region, region_data)
-    if frame is None:
-        return f"The relit picture is in the view of camera '{shot.camera}'"
-    if not shot.recognises(camera):
-        return f"No bake for camera '{camera.name}', only for '{shot.camera}'"
-    live, pair = shot.picture, compare.pair_of(scene)
+    shot = open_shots.showing(scene, camera) if frame is not None else None
+    if shot is None:
+        return words_without_shot(scene, camera if frame is not None else None)
+    is_current = shot is open_shots.of(scene)
+    live, pair = shot.picture, compare.pair_of(scene) if is_current else None
     first, second = (pair.a, pair.b or live) if pair else (live, live)
     if first is None or second is None:
-        return "The first picture is on its way" if shot.is_working else "No picture yet"
+        return words_without_picture(shot)
     mode = settings.compare if pair else "B"
     drawn = frame.part(*camera_frame.border_of(scene))
     options = {"opacity": settings.opacity, "gain": settings.difference_gain}
+    if not is_current:
+        options["title"] = _title(scene, camera, shot)
     if mode == "WIPE":
         options |= {"mode": SPLIT, "split": split_of(scene, frame), "labels": pair.labels}
     elif mode == "DIFFERENCE":
@@ -70,6 +76,28 @@ def what_to_show(
         first = second = first if mode == "A" else second
         options |= {"split": split_of(scene, frame) if settings.wipe else NEVER}
     return Show((region.width, region.height), frame, drawn, first, second, **options)
+
+
+def _title(scene: bpy.types.Scene, camera: bpy.types.Object, shot: Shot) -> str:
+    """Name and state of a shot beside the current one."""
+    entry = listed_view.entry_of(scene, camera)
+    words = [entry.name if entry is not None else camera.name, status.shown(shot.status), *shot.changes.sentences]
+    return ". ".join(filter(None, words))
+
+
+def words_without_shot(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> str:
+    """Why a view shows no picture, by the camera that it looks through, or None; some shot of the scene is open."""
+    baked = open_shots.all_of(scene)[0].camera
+    if camera is None:
+        return f"The relit picture is in the view of camera '{baked}'"
+    return listed_view.refusal(scene, camera) or f"No bake for camera '{camera.name}', only for '{baked}'"
+
+
+def words_without_picture(shot: Shot) -> str:
+    """Why an open shot has no picture."""
+    if shot.is_seen_beside and shot.status.error:
+        return f"The bake of camera '{shot.camera}' cannot be shown: {shot.status.error}"
+    return "The first picture is on its way" if shot.is_working else "No picture yet"
 
 
 def split_of(scene: bpy.types.Scene, frame: Rectangle) -> float:

@@ -9,8 +9,9 @@ import gpu
 from gpu_extras.batch import batch_for_shader
 
 from ..core.pass_names import COMBINED
-from ..engine.shot import shot as shots
-from . import camera_frame, texture
+from ..engine.shot import open_shots
+from ..engine.shot.shot import Shot
+from . import camera_frame, overlay, texture
 from .camera_frame import Rectangle
 
 TEXT_SIZE, TEXT_MARGIN, TEXT_COLOR = 14.0, 20.0, (0.7, 0.7, 0.7, 1.0)
@@ -21,10 +22,10 @@ def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context, name: str =
     """Body of `RenderEngine.view_draw`: draws a pass by its name. False if the picture stands in for it, as there is
     none of the pass yet."""
     scene, region = context.scene, context.region
-    shot = shots.of(scene)
     camera = camera_frame.camera_of(scene, context.space_data)
     frame = camera_frame.frame_of(scene, camera, region, context.region_data)
-    words = why_not(shot, camera, frame)
+    shot = open_shots.showing(scene, camera) if frame is not None else None
+    words = why_not(scene, shot, camera if frame is not None else None)
     if words:
         _write(words, region, region.height / 2)
         return True
@@ -58,17 +59,13 @@ def _draw_part(picture: gpu.types.GPUTexture, place: Rectangle, part: Rectangle)
         batch.draw(shader)
 
 
-def why_not(shot: shots.Shot | None, camera: bpy.types.Object | None, frame: Rectangle | None) -> str:
-    """Reason why there is nothing to draw; empty if there is a picture."""
-    if shot is None:
+def why_not(scene: bpy.types.Scene, shot: Shot | None, camera: bpy.types.Object | None) -> str:
+    """Reason why there is nothing to draw for a view through a camera, or none; empty if its shot has a picture."""
+    if not open_shots.all_of(scene):
         return 'Press Start in the sidebar\'s tab "Relume" to see the relit picture here'
-    if frame is None or camera is None:
-        return f"The relit picture is in the view of camera '{shot.camera}'"
-    if not shot.recognises(camera):
-        return f"No bake for camera '{camera.name}', only for '{shot.camera}'"
-    if shot.picture is None:
-        return "The first picture is on its way" if shot.is_working else "No picture yet"
-    return ""
+    if shot is None:
+        return overlay.words_without_shot(scene, camera)
+    return "" if shot.picture is not None else overlay.words_without_picture(shot)
 
 
 def _write(words: str, region: bpy.types.Region, bottom: float) -> None:

@@ -80,6 +80,8 @@ def frame_in(context: bpy.types.Context) -> Rectangle | None:
     if context.space_data is None or context.space_data.type != "VIEW_3D" or context.region_data is None:
         return None
     camera = camera_frame.camera_of(context.scene, context.space_data)
+    if camera != context.scene.camera:
+        return None
     return camera_frame.frame_of(context.scene, camera, context.region, context.region_data)
 
 

@@ -164,7 +164,7 @@ class Artist:
         yield from self.driver.press("G")
         first, requests, drawn = self.serial_drawn, {}, {}
         shot, relight = self.shot, self.shot.relight
-        text = addon("engine.shot.shot").request_text
+        text = addon("engine.shot.requests").request_text
 
         def noted(lights, mix, interactive, world=None):
             is_new = relight(lights, mix, interactive, world)

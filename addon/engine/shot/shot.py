@@ -1,10 +1,9 @@
-"""A shot that Relume works on: one for each scene. Everything here returns at once; the native module works on
-threads of its own and is polled."""
+"""A shot that Relume works on. Everything here returns at once; the native module works on threads of its own and is
+polled."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import time
 from collections.abc import Collection
 from typing import Any
@@ -12,8 +11,10 @@ from typing import Any
 import bpy
 
 from ...core.bake_folder import camera_of, world_map_of
+from ...core.diff import Fingerprint
 from ...core.phase import BEFORE_BAKE, TRACING, WORKING, ShotPhase, next_phase
 from ...core.shot_status import ShotStatus
+from ...core.shots import AUTOMATIC
 from ...core.status import is_unfinished, lacks_samples
 from ...core.words import Kind, by_kind, grouped
 from ...export import ExportOptions, trace_settings
@@ -27,18 +28,17 @@ from ..staleness import fingerprints
 from ..staleness.tracker import StalenessTracker
 from ..world import worlds
 from ..world.world_follower import WorldFollower
-from . import record
+from . import open_shots, record
 from .options import Options, options_of, remember_bake, remembered_bake
 from .passes import Passes, Whole
 from .remaining_work import RemainingWork
+from .requests import request
 
 LIVELY_SECONDS = 2.0
 
-_shots: dict[int, Shot] = {}
-
 
 class Shot:
-    """Bake of one scene, and the work on it."""
+    """Bake of one camera of a scene, and the work on it."""
 
     def __init__(self, scene: bpy.types.Scene, options: Options, kept: record.Record | None):
         self.scene_uid = scene.session_uid
@@ -54,7 +54,12 @@ class Shot:
         """The last picture of the bake that this one replaces."""
         self.warnings: list[str] = []
         self.lights = SceneLights(_view_layer(scene), kept.receivers if kept else receiver_names(scene))
-        self.changes = StalenessTracker(kept.fingerprints if kept else None)
+        self.lights = open_shots.same_lights(self) or self.lights
+        self.is_seen = True
+        """False while views show other shots of the scene, and not this one: nobody follows a drag in it."""
+        self.is_seen_beside = False
+        """True while a view shows it through a camera of its own."""
+        self.changes = StalenessTracker(kept.fingerprints if kept else None, self._of_view)
         self.changes.maps |= kept.maps if kept else {}
         self.is_recorded = kept is not None
         self._remaining = RemainingWork(options)
@@ -76,7 +81,11 @@ class Shot:
         """Newest status of the native module."""
         self._news = time.monotonic()
         self._live = native().Live(
-            str(options.folder), device=options.device, gpu_memory=options.gpu_memory, threads=options.threads
+            str(options.folder),
+            device=options.device,
+            gpu_memory=options.gpu_memory,
+            threads=options.threads,
+            board=open_shots.board(),
         )
 
     @classmethod
@@ -86,17 +95,21 @@ class Shot:
         before = of(scene)
         if before is not None:
             before.changes.reload_images()
-        shot = cls._replace(scene, options or options_of(scene), None)
+        shot = cls(scene, options or options_of(scene), None)
+        shot._replace_current(scene)
         shot._anew = anew
         shot._export(scene)
         return shot
 
     @classmethod
-    def open(cls, scene: bpy.types.Scene) -> Shot:
-        """Takes the bake that the file remembers, or else what the scene's folder holds."""
-        options = options_of(scene)
-        folder = remembered_bake(scene) or options.folder
-        shot = cls._replace(scene, dataclasses.replace(options, folder=folder), record.read(folder))
+    def open(cls, scene: bpy.types.Scene, beside: Any = None) -> Shot:
+        """Takes the bake that the file remembers, or else what the scene's folder holds: of the current shot, or of an
+        entry of the list, `beside` it."""
+        options = options_of(scene, beside)
+        folder = remembered_bake(scene, options.shot if beside is not None else None) or options.folder
+        shot = cls(scene, dataclasses.replace(options, folder=folder), record.read(folder))
+        if beside is None:
+            shot._replace_current(scene)
         shot.is_recorded = True
         shot._enter(ShotPhase.PREPARING)
         shot._remaining.read()
@@ -108,18 +121,29 @@ class Shot:
             words = f"Camera '{shot.camera}' of this bake is not in the scene"
             shot.warnings.append(f"{words}: if it was renamed, give it that name again; else start anew")
         shot._live.open()
+        if beside is not None:
+            open_shots.add_beside(shot)
         return shot
 
-    @classmethod
-    def _replace(cls, scene: bpy.types.Scene, options: Options, kept: record.Record | None) -> Shot:
-        """A new shot in the place of the scene's present one."""
-        shot = cls(scene, options, kept)
+    def _replace_current(self, scene: bpy.types.Scene) -> None:
+        """Takes the place of the scene's current shot, and of the one of the same entry of the list."""
         before = of(scene)
-        if before is not None:
-            shot.frame_before = before.picture if before.camera == shot.camera else None
-            before.close()
-        _shots[scene.session_uid] = shot
-        return shot
+        if before is not None and before.camera == self.camera:
+            self.frame_before = before.picture
+        for other in open_shots.beside(scene):
+            if other.key == self.key:
+                other.close()
+        open_shots.add_current(self)
+
+    @property
+    def key(self) -> str:
+        """Key of the listed shot."""
+        return self.options.shot
+
+    def _of_view(self, scene: bpy.types.Scene) -> dict[str, Fingerprint] | None:
+        """Fingerprints of the camera and film of a listed shot; None for the scene's own."""
+        camera = scene.objects.get(self.camera) if self.key != AUTOMATIC else None
+        return None if camera is None else fingerprints.of_view(scene, camera, self.options.resolution)
 
     def _export(self, scene: bpy.types.Scene) -> None:
         """Reads the scene, in a window on another thread, then bakes it."""
@@ -224,7 +248,7 @@ class Shot:
     @property
     def is_open(self) -> bool:
         """True until the shot is closed."""
-        return _shots.get(self.scene_uid) is self
+        return any(shot is self for shot in all_open())
 
     @property
     def is_stored(self) -> bool:
@@ -326,7 +350,7 @@ class Shot:
         if same and (interactive or not self._is_interactive):
             return False
         try:
-            self.ask(_request(content, interactive), world)
+            self.ask(request(content, interactive), world)
         except ValueError as error:
             self.refusal = str(error)
             return False
@@ -334,12 +358,12 @@ class Shot:
         self._content, self._is_interactive = content, interactive
         return True
 
-    def ask(self, request: Any, world: Any = None) -> int:
+    def ask(self, asked: Any, world: Any = None) -> int:
         """Asks for the picture of a `relume.Request`, such as one that was kept; returns its number."""
         self._content = {}
         self._news = time.monotonic()
         live = self._live
-        self._request_number = live.relight(request) if world is None else live.show_world(world, request)
+        self._request_number = live.relight(asked) if world is None else live.show_world(world, asked)
         self._whole_number = self._request_number
         return self._request_number
 
@@ -353,7 +377,7 @@ class Shot:
         self._passes.follow(names, whole)
 
     def _ask_content(self, content: dict[str, Any], interactive: bool) -> int:
-        self._request_number = self._live.relight(_request(content, interactive))
+        self._request_number = self._live.relight(request(content, interactive))
         return self._request_number
 
     def poll(self) -> bool:
@@ -423,6 +447,10 @@ class Shot:
         except (OSError, RuntimeError) as error:
             self.warnings.append(f"The kind of light that was added is not learned: {error}")
 
+    def attend(self) -> None:
+        """Has its pictures made before those of other shots."""
+        self._live.attend()
+
     def pause(self, paused: bool) -> None:
         """Lets baking and training stand still; relighting goes on."""
         self._live.pause(paused)
@@ -437,8 +465,7 @@ class Shot:
 
     def close(self, wait_seconds: float = 0.0) -> None:
         """Ends everything, without waiting unless told to. The folder stays whole."""
-        if self.is_open:
-            del _shots[self.scene_uid]
+        open_shots.remove(self)
         self._enter(ShotPhase.CLOSED)
         if self._task is not None:
             self._task.cancel()
@@ -447,34 +474,18 @@ class Shot:
         self.frame = self.frame_before = None
 
 
-def _request(content: dict[str, Any], interactive: bool) -> Any:
-    """Request for lights, as `SceneLights` describes them, under the gains of `core.rows.mix`."""
-    options = {name: value for name, value in content.items() if name != "lights"}
-    return native().Request([light.handle for light in content["lights"]], **options, interactive=interactive)
-
-
-def request_text(content: dict[str, Any]) -> str:
-    """JSON text of a request that is to be kept; `kept_request` reads it."""
-    return json.dumps(content | {"with": "auto", "interactive": False})
-
-
-def kept_request(text: str) -> Any:
-    """The `relume.Request` of a text. Raises ValueError."""
-    return native().Request.parse(text)
-
-
 def _view_layer(scene: bpy.types.Scene) -> str:
     return bpy.context.view_layer.name if bpy.context.scene == scene else scene.view_layers[0].name
 
 
 def of(scene: bpy.types.Scene) -> Shot | None:
-    """The open shot of a scene."""
-    return _shots.get(scene.session_uid)
+    """The current shot of a scene, if it is open."""
+    return open_shots.of(scene)
 
 
 def all_open() -> list[Shot]:
-    """All open shots."""
-    return list(_shots.values())
+    """All open shots, the current ones first."""
+    return open_shots.all_open()
 
 
 def close_all(wait_seconds: float = 0.0) -> None:

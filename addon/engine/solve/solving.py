@@ -24,6 +24,7 @@ from ...core.status import STAGES, is_final
 from ...core.strokes import Stroke, goals
 from ...core.words import listed
 from ...export.target import resized
+from ..shot import requests
 from ..shot import shot as shots
 from ..workers.pictures import Reading
 from . import handle, new_paths, region_masks, target_image
@@ -261,19 +262,19 @@ class Solving:
     def _show_preview(self, preview: dict[str, Any]) -> None:
         """Shows the best lights and world so far."""
         request = core.picture_request(preview, self._content["static"])
-        self.shot.ask(shots.kept_request(json.dumps(request | {"interactive": True})))
+        self.shot.ask(requests.kept_request(json.dumps(request | {"interactive": True})))
         self._hooks.wake()
 
     def _picture(self, request: str) -> Generator[None, None, Any]:
         """Waits for the picture of the result and returns it; None where it does not come."""
-        number, end = self.shot.ask(shots.kept_request(request)), time.monotonic() + PICTURE_SECONDS
+        number, end = self.shot.ask(requests.kept_request(request)), time.monotonic() + PICTURE_SECONDS
         self._hooks.wake()
         while time.monotonic() < end and self.shot.is_open and self.shot.can_show:
             frame = self.shot.frame
             if frame is not None and frame.request == number and is_final(frame):
                 return frame
             if frame is not None and frame.request > number:  # Something was edited meanwhile.
-                number = self.shot.ask(shots.kept_request(request))
+                number = self.shot.ask(requests.kept_request(request))
                 self._hooks.wake()
             yield
         return None

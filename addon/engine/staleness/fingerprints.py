@@ -63,7 +63,7 @@ def keys_of_block(found: bpy.types.ID, scene: bpy.types.Scene) -> list[str]:
     if isinstance(found, bpy.types.Object):
         helper = f"helper {found.name_full}"
         dices = ["settings"] * (found == dicing_camera(scene))
-        if found == scene.camera:
+        if found.type == "CAMERA":
             return ["camera", helper, *dices]
         return [f"object {found.name_full}", helper, *dices] if _counts(found) else [helper, *dices]
     if isinstance(found, bpy.types.Camera):
@@ -103,7 +103,7 @@ def iter_fingerprints(scene: bpy.types.Scene) -> Iterator[tuple[str, Fingerprint
     iterator holds data-blocks, and nothing inside of them that an edit could free. A step raises ReferenceError if a
     data-block was deleted; after undo the iterator must be thrown away."""
     for kind, take in ONE_OF_A_KIND.items():
-        yield kind, partial(_in_one_step, take, scene)
+        yield kind, partial(in_one_step, take, scene)
     rendered = _rendered(scene)
     objects = {obj.session_uid for obj in rendered}
     world = world_of(scene, render_layer(scene))
@@ -118,7 +118,7 @@ def iter_fingerprints(scene: bpy.types.Scene) -> Iterator[tuple[str, Fingerprint
         reached.add(block.session_uid)
         if isinstance(block, bpy.types.Object):
             kind = "object" if block.session_uid in objects else "helper"
-            yield f"{kind} {block.name_full}", partial(_in_one_step, _object, block)
+            yield f"{kind} {block.name_full}", partial(in_one_step, _object, block)
             if kind == "helper" and block.instance_collection is not None:
                 todo.append(block.instance_collection)
         elif isinstance(block, DATA):
@@ -173,10 +173,10 @@ def _with_instanced(todo: list[bpy.types.Collection | None]) -> list[bpy.types.C
 
 
 def _nothing() -> Steps:
-    return _in_one_step(lambda: None)
+    return in_one_step(lambda: None)
 
 
-def _in_one_step(of: Callable[..., Fingerprint | None], *arguments: Any) -> Steps:
+def in_one_step(of: Callable[..., Fingerprint | None], *arguments: Any) -> Steps:
     """Wraps a function whose fingerprint takes no time."""
     return of(*arguments)
     yield
@@ -186,10 +186,10 @@ def fingerprint(scene: bpy.types.Scene, key: str) -> Steps:
     """Takes the fingerprint of a key; None if its part of the scene is gone, or cannot be seen any more."""
     kind, _, name = key.partition(" ")
     if kind in ONE_OF_A_KIND:
-        return _in_one_step(ONE_OF_A_KIND[kind], scene)
+        return in_one_step(ONE_OF_A_KIND[kind], scene)
     if kind in {"object", "helper"}:
         obj = _object_of(scene, kind, name)
-        return _in_one_step(_object, obj) if obj is not None else _nothing()
+        return in_one_step(_object, obj) if obj is not None else _nothing()
     places = [getattr(bpy.data, place) for place in (SHAPES if kind == "data" else [BLOCKS[kind].place])]
     block = next((block for place in places if (block := _by_full_name(place, name)) is not None), None)
     if block is None:
@@ -220,7 +220,13 @@ def all_fingerprints(
 ) -> dict[str, Fingerprint]:
     """Takes all fingerprints at once, for a camera and a picture size; takes long for a large scene."""
     found = {key: taken for key, take in iter_fingerprints(scene) if (taken := _all_of(take())) is not None}
-    return found | {"camera": _camera_fingerprint(scene, camera), "film": _film(scene, size)}
+    return found | of_view(scene, camera, size or current_size(scene))
+
+
+def of_view(scene: bpy.types.Scene, camera: bpy.types.Object, size: tuple[int, int] | None) -> dict[str, Fingerprint]:
+    """The fingerprints that tell shots of one scene apart; a shot without a `size` has the scene's."""
+    width, height = size or film_size(scene.render)
+    return {"camera": _camera_fingerprint(scene, camera), "film": {"size": f"{width} x {height}"}}
 
 
 def _all_of(steps: Steps) -> Fingerprint | None:
@@ -393,8 +399,8 @@ def _camera_fingerprint(scene: bpy.types.Scene, camera: bpy.types.Object) -> Fin
     return {"name": camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": hashed(lens)}
 
 
-def _film(scene: bpy.types.Scene, size: tuple[int, int] | None = None) -> Fingerprint:
-    width, height = size or current_size(scene) or film_size(scene.render)
+def _film(scene: bpy.types.Scene) -> Fingerprint:
+    width, height = current_size(scene) or film_size(scene.render)
     return {"size": f"{width} x {height}"}
 
 
@@ -484,14 +490,14 @@ class _Block(NamedTuple):
 
 
 BLOCKS = {
-    "material": _Block(bpy.types.Material, "materials", partial(_in_one_step, _material)),
-    "image": _Block(bpy.types.Image, "images", partial(_in_one_step, _image)),
-    "collection": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _collection)),
-    "instanced": _Block(bpy.types.Collection, "collections", partial(_in_one_step, _instanced_fingerprint)),
+    "material": _Block(bpy.types.Material, "materials", partial(in_one_step, _material)),
+    "image": _Block(bpy.types.Image, "images", partial(in_one_step, _image)),
+    "collection": _Block(bpy.types.Collection, "collections", partial(in_one_step, _collection)),
+    "instanced": _Block(bpy.types.Collection, "collections", partial(in_one_step, _instanced_fingerprint)),
     "nodes": _Block(bpy.types.GeometryNodeTree, "node_groups", _group),
-    "volume": _Block(bpy.types.Volume, "volumes", partial(_in_one_step, volume)),
-    "texture": _Block(bpy.types.Texture, "textures", partial(_in_one_step, _texture)),
-    "particles": _Block(bpy.types.ParticleSettings, "particles", partial(_in_one_step, _particles)),
+    "volume": _Block(bpy.types.Volume, "volumes", partial(in_one_step, volume)),
+    "texture": _Block(bpy.types.Texture, "textures", partial(in_one_step, _texture)),
+    "particles": _Block(bpy.types.ParticleSettings, "particles", partial(in_one_step, _particles)),
 }
 SHAPES = ("meshes", "curves", "metaballs", "lattices", "hair_curves", "pointclouds")
 """Collections in `bpy.data` whose data-blocks have a fingerprint of their shape."""

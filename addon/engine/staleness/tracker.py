@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import bpy
 
@@ -13,11 +14,15 @@ from . import fingerprints
 WHOLE_SCENE = 200
 """An update of more data-blocks than this is taken as one of everything."""
 
+OfView = Callable[[bpy.types.Scene], dict[str, Fingerprint] | None]
+"""Fingerprints of a bake's own camera and film, by their keys; None if they are the scene's."""
+
 
 class StalenessTracker:
     """Compares the fingerprints of a scene with those of its bake, which lie in the bake's folder."""
 
-    def __init__(self, baked: dict[str, Fingerprint] | None):
+    def __init__(self, baked: dict[str, Fingerprint] | None, of_view: OfView = lambda _scene: None):
+        self._of_view = of_view
         self.is_recording = baked is None
         """True while the fingerprints of the bake itself are being taken."""
         self.baked: dict[str, Fingerprint] = baked or {}
@@ -200,7 +205,7 @@ class StalenessTracker:
         """Takes the fingerprints of edited data-blocks."""
         while self._waiting:
             key, _ = self._waiting.popitem()
-            self._current = key, fingerprints.fingerprint(scene, key)
+            self._current = key, self._taking(scene, key, partial(fingerprints.fingerprint, scene, key))
             if not self._continue_current(deadline):
                 return
 
@@ -215,7 +220,7 @@ class StalenessTracker:
             if key:
                 self._scanned.add(key)
                 if self._scans_all or key not in self.present:
-                    self._current = key, take()
+                    self._current = key, self._taking(scene, key, take)
             if not self._continue_current(deadline) or time.perf_counter() > deadline:
                 return False
         for key in {**self.baked, **self.present}.keys() - self._scanned:
@@ -226,6 +231,13 @@ class StalenessTracker:
         self._needs_scan, self._is_scan_outdated = self._is_scan_outdated, False
         self._scans_all = self.is_recording = False
         return True
+
+    def _taking(self, scene: bpy.types.Scene, key: str, take: fingerprints.Fingerprinter) -> fingerprints.Steps:
+        """Steps of a fingerprint: of camera and film those of the bake's own."""
+        own = self._of_view(scene) if key in {"camera", "film"} else None
+        if own is None:
+            return take()
+        return fingerprints.in_one_step(own.get, key)
 
     def _keep(self, key: str, taken: Fingerprint | None) -> None:
         """Keeps the fingerprint of a key, or forgets it if there is none."""

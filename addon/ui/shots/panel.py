@@ -9,13 +9,14 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ...core.bake_folder import is_bake
-from ...engine.shot import background, shot, shot_list
+from ...core.status import has_failed
+from ...engine.shot import background, open_shots, shot_list
 from ...engine.shot.options import FolderError, bake_folder, places_of_bake
 from ...export.current_shot import active_entry, entries, shot_camera
 from ..background import progress
 from ..main_panel import on_disk
 from ..panel import RelumePanel, message
-from . import sheet
+from . import lay_out, sheet
 from .operators import PROBLEMS
 
 
@@ -49,7 +50,7 @@ class RELUME_UL_shots(bpy.types.UIList):  # noqa: N801 -- Blender's naming
 
 def _mark(scene: bpy.types.Scene, entry: Any) -> str:
     """Icon for the state of a shot."""
-    batch, opened = background.batch_of(scene), shot.of(scene)
+    batch, opened = background.batch_of(scene), open_shots.by_key(scene, entry.key)
     if batch is not None and batch.is_running:
         if batch.job is not None and batch.job.wanted.key == entry.key:
             return "RENDER_ANIMATION"
@@ -57,7 +58,9 @@ def _mark(scene: bpy.types.Scene, entry: Any) -> str:
             return "SORTTIME"
     if entry.key in _problems or _failure(scene, entry):
         return "ERROR"
-    if opened is not None and opened.options.shot == entry.key:
+    if opened is not None:
+        if has_failed(opened.status):
+            return "ERROR"
         if opened.is_working:
             return "RENDER_ANIMATION"
         if opened.changes.sentences:
@@ -223,6 +226,7 @@ def _draw_baking(layout, scene) -> None:
 
 
 def _draw_sheet(layout, scene) -> None:
+    layout.operator("relume.lay_out", icon="VIEW_CAMERA")
     row = layout.row(align=True)
     row.operator("relume.contact_sheet", icon="IMGDISPLAY")
     row.operator("relume.save_sheet", text="", icon="EXPORT")
@@ -232,7 +236,7 @@ def _draw_sheet(layout, scene) -> None:
         message(layout, words, "ERROR")
 
 
-CLASSES = (RELUME_UL_shots, RELUME_OT_contact_sheet, RELUME_OT_save_sheet, RELUME_PT_shots)
+CLASSES = (RELUME_UL_shots, lay_out.RELUME_OT_lay_out, RELUME_OT_contact_sheet, RELUME_OT_save_sheet, RELUME_PT_shots)
 _register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 

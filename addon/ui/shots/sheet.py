@@ -10,7 +10,7 @@ import bpy
 
 from ...core.progress import share_and_words
 from ...engine.native import native
-from ...engine.shot import shot, shot_list
+from ...engine.shot import requests, shot, shot_list
 from ...engine.shot.checks import ProblemError
 from ...engine.workers.process import private_folder
 from ...live.scheduler import scheduler
@@ -39,7 +39,7 @@ class Sheet:
         self._folder = private_folder()
         self.file = Path(self._folder.name) / "sheet.png"
         request = Path(self._folder.name) / "request.json"
-        request.write_text(shot.request_text(scheduler.content_of(scene, opened)), encoding="utf-8")
+        request.write_text(requests.request_text(scheduler.content_of(scene, opened)), encoding="utf-8")
         options = opened.options
         self.job = native().start(
             "relight",

@@ -16,6 +16,7 @@ from ...core.looks import Look
 from ...core.receivers import with_names
 from ...core.rows import WORLD, is_neutral
 from ...core.words import grouped
+from ...engine.shot import requests
 from ...engine.shot import shot as shots
 from ...engine.solve.solving import Result, Solving
 from ...export.light_tree import light_objects
@@ -62,7 +63,7 @@ def _finish(scene: bpy.types.Scene, before: Look, solving: Solving, result: Resu
     solved = core.solved(answer, present, result.content["lights"], result.asked["lights"], names)
     solving.notes += [f"Light '{name}' is gone: what was solved for it is left out" for name in solved.gone]
     solving.notes += answer["warnings"]
-    before_request = _named(shot, shots.request_text(result.content))
+    before_request = _named(shot, requests.request_text(result.content))
     before_name = _keep_before(scene, before, before_request, small[0])
     shown = [state["name"] for state in solved.states if not state["hidden"]]
     solved_rows = core.solved_rows(rows.plain(scene), shown, _world_gain(shot, result))

@@ -24,6 +24,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(solve::solve, module)?)?;
     module.add_class::<job::PyJob>()?;
     module.add_class::<data_passes::PyDataPasses>()?;
+    module.add_class::<live::PyBoard>()?;
     module.add_class::<live::PyLive>()?;
     module.add_class::<live::PyFrame>()?;
     module.add_class::<live::PyLight>()?;

@@ -7,7 +7,7 @@ use pyo3::exceptions::PyAttributeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
-use relume_session::live::{self, LiveOptions, LiveRequest, LiveStatus, RequestOptions};
+use relume_session::live::{self, Board, LiveOptions, LiveRequest, LiveStatus, RequestOptions};
 use relume_session::trace::TraceSettings;
 use relume_session::{LightSet, ParsedLight};
 use serde::Serialize;
@@ -15,6 +15,20 @@ use serde::de::DeserializeOwned;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+
+/// See the stubs.
+#[pyclass(name = "Board", module = "relume", frozen)]
+pub struct PyBoard {
+    board: Board,
+}
+
+#[pymethods]
+impl PyBoard {
+    #[new]
+    fn new() -> Self {
+        Self { board: Board::default() }
+    }
+}
 
 /// See the stubs.
 #[pyclass(name = "Live", module = "relume", frozen)]
@@ -25,10 +39,17 @@ pub struct PyLive {
 #[pymethods]
 impl PyLive {
     #[new]
-    #[pyo3(signature = (folder, *, device="auto", gpu_memory=None, threads=0))]
-    fn new(folder: PathBuf, device: &str, gpu_memory: Option<u64>, threads: usize) -> Self {
+    #[pyo3(signature = (folder, *, device="auto", gpu_memory=None, threads=0, board=None))]
+    fn new(
+        folder: PathBuf,
+        device: &str,
+        gpu_memory: Option<u64>,
+        threads: usize,
+        board: Option<&PyBoard>,
+    ) -> Self {
         let Ok(device) = device.parse();
-        Self { live: live::Live::new(&folder, LiveOptions { device, gpu_memory, threads }) }
+        let board = board.map(|board| board.board.clone()).unwrap_or_default();
+        Self { live: live::Live::new(&folder, LiveOptions { device, gpu_memory, threads, board }) }
     }
 
     #[pyo3(signature = (scene, settings, *, train_seconds=60.0, anew=false))]
@@ -59,6 +80,10 @@ impl PyLive {
 
     fn show_world(&self, py: Python<'_>, world: &PyWorld, request: &PyRequest) -> PyResult<u64> {
         enter_native(py, || self.live.show_world(world.world.clone(), request.request.clone()))
+    }
+
+    fn attend(&self) {
+        self.live.attend();
     }
 
     #[pyo3(signature = (newer_than=0))]

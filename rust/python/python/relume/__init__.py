@@ -2,6 +2,7 @@
 
 from . import _libraries as _libraries
 from ._native import (
+    Board,
     DataPasses,
     Frame,
     Light,
@@ -21,6 +22,7 @@ from ._native import (
 from .jobs import Job, bake, info, solve, start, train, validate
 
 __all__ = [
+    "Board",
     "DataPasses",
     "Frame",
     "Job",

@@ -365,6 +365,12 @@ class Relighter:
     ) -> Job:
         """Makes each light's picture ahead, with progress and cancel; `relight` with the same arguments only sums."""
 
+class Board:
+    """Shots that take turns on one device, within one budget of memory. One at a time makes its picture: the shot that
+    was attended last comes first, and all get a first picture before any other gets a better one."""
+
+    def __init__(self) -> None: ...
+
 class Live:
     """A shot that is baked, trained and relit in the background. Every method returns at once."""
 
@@ -375,9 +381,10 @@ class Live:
         device: str = "auto",
         gpu_memory: int | None = None,
         threads: int = 0,
+        board: Board | None = None,
     ) -> None:
         """A shot with its bake in a folder. Nothing is read or written yet. Devices as of `Relighter`; 0 threads for
-        one a core."""
+        one a core. It takes turns with the other shots on a board."""
 
     def bake(self, scene: Scene, settings: dict[str, Any], *, train_seconds: float = 60.0, anew: bool = False) -> None:
         """Bakes a scene into the folder, with pictures after every pass, then trains a proxy for so many seconds for
@@ -399,6 +406,9 @@ class Live:
         """Asks for a picture under another world from now on, gathered from the same paths, also while they are being
         traced; factors on its light are relative to its colour. It is stored in the folder, unless it is the paths'
         own."""
+
+    def attend(self) -> None:
+        """Makes this the shot of its board that somebody looks at."""
 
     def frame(self, newer_than: int = 0) -> Frame | None:
         """The newest frame, if its serial number is above this."""

@@ -46,7 +46,9 @@ impl Shot {
             state.dump = Some(dump);
             state.deliveries = 1;
         });
-        let render_thread = RenderThread::new(shared.clone(), LiveOptions::default()).on(compute);
+        let options = LiveOptions::default();
+        let seat = options.board.seat();
+        let render_thread = RenderThread::new(shared.clone(), options, seat).on(compute);
         Self { shared, render_thread }
     }
 

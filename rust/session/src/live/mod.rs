@@ -11,8 +11,11 @@
 //! The caller never waits. Work stops while a picture is made for the caller, or while it is paused. A cancel ends it
 //! at its next shard or step. A light's unit image grows by one pass at a time: a moved light is seen after the first
 //! pass and exact after the last. No pass is gathered twice.
+//!
+//! The render threads of several shots take turns on a [`Board`], step by step.
 
 mod aov;
+mod board;
 mod layers;
 mod render_thread;
 mod request;
@@ -27,6 +30,8 @@ use crate::device::compute::Device;
 use crate::error::SessionError;
 use crate::progress::Cancel;
 pub use aov::Aov;
+pub use board::Board;
+use board::Seat;
 use relume_scene::Scene;
 use relume_trace::TraceSettings;
 use render_thread::RenderThread;
@@ -49,6 +54,8 @@ pub struct LiveOptions {
     pub gpu_memory: Option<u64>,
     /// Threads of the CPU; 0 for one a core.
     pub threads: usize,
+    /// Shots that it takes turns with.
+    pub board: Board,
 }
 
 /// A live shot. Every method returns at once.
@@ -56,6 +63,7 @@ pub struct Live {
     folder: PathBuf,
     options: LiveOptions,
     shared: Arc<Shared>,
+    seat: Arc<Seat>,
     threads: Mutex<Threads>,
 }
 
@@ -68,7 +76,14 @@ struct Threads {
 impl Live {
     /// A shot with its bake in `folder`. Nothing is read or written yet.
     pub fn new(folder: &Path, options: LiveOptions) -> Self {
-        Self { folder: folder.to_path_buf(), options, shared: Arc::default(), threads: Mutex::default() }
+        let seat = options.board.seat();
+        Self {
+            folder: folder.to_path_buf(),
+            options,
+            shared: Arc::default(),
+            seat,
+            threads: Mutex::default(),
+        }
     }
 
     /// Bakes a scene into the folder and shows pictures after every pass. Then it trains a proxy for so many seconds
@@ -125,6 +140,11 @@ impl Live {
         Ok(self.shared.ask(request))
     }
 
+    /// Makes this the shot that somebody looks at: its pictures come before those of others on the same board.
+    pub fn attend(&self) {
+        self.seat.attend();
+    }
+
     /// The newest frame, if it is newer than the one with this serial number.
     pub fn frame(&self, newer_than: u64) -> Option<Arc<Frame>> {
         self.shared.lock().frame.clone().filter(|frame| frame.shown.serial > newer_than)
@@ -176,8 +196,8 @@ impl Live {
             })
         };
         if threads.render.as_ref().is_none_or(JoinHandle::is_finished) {
-            let thread =
-                RenderThread::new(self.shared.clone(), self.options.clone()).storing_in(&self.folder);
+            let thread = RenderThread::new(self.shared.clone(), self.options.clone(), self.seat.clone())
+                .storing_in(&self.folder);
             threads.render = Some(spawn("relume-render", Box::new(move || thread.run()))?);
         }
         let cancel = Cancel::default();

@@ -1,10 +1,12 @@
+mod rest;
+
+use super::board::{Seat, Stage, Turn};
 use super::layers::{FrameLayers, FrameQuality, noise};
-use super::shared::{Frame, LiveState, Shared, Shown, State};
+use super::shared::{Frame, Shared, Shown, State};
 use super::terms::{LightTerm, TermSource, light_terms};
-use super::view::{BakeView, Delivered, shown_statics};
+use super::view::{BakeView, Delivered};
 use super::world::WorldUnit;
 use super::{Aov, LiveOptions, LiveRequest};
-use crate::bake::world::forget;
 use crate::device::compute::Compute;
 use crate::device::gather::{DeviceGather, Haste};
 use crate::device::image::DeviceImage;
@@ -32,6 +34,9 @@ const QUICK: Duration = Duration::from_millis(12);
 /// Thread that renders what the work delivers under the newest request.
 pub(super) struct RenderThread {
     shared: Arc<Shared>,
+    seat: Arc<Seat>,
+    /// Held while something is made.
+    turn: Option<Turn>,
     options: LiveOptions,
     compute: Compute,
     monitor: Monitor,
@@ -62,12 +67,14 @@ impl Listener for StatusListener {
 }
 
 impl RenderThread {
-    pub fn new(shared: Arc<Shared>, options: LiveOptions) -> Self {
+    pub fn new(shared: Arc<Shared>, options: LiveOptions, seat: Arc<Seat>) -> Self {
         let monitor = Monitor::new(Arc::new(StatusListener(shared.clone())), Cancel::default());
         let compute = Compute::default();
         let (units, rendered) = (UnitCache::default(), (0, 0));
         Self {
             shared,
+            seat,
+            turn: None,
             options,
             compute,
             monitor,
@@ -119,15 +126,28 @@ impl RenderThread {
         while self.render_next() {}
     }
 
-    /// Waits for something new and renders it; false once the shot is closed.
+    /// Waits for something new and a turn, and renders it; false once the shot is closed.
     pub fn render_next(&mut self) -> bool {
-        let Some(request) = self.next() else { return false };
-        let outcome = self.render(&request);
-        self.shared.change(|state| {
-            state.rendering = false;
-            state.picture_error = outcome.err().map(|error| error.to_string());
-        });
+        let Some(stage) = self.wait() else { return false };
+        if !self.next_turn(stage) {
+            return false;
+        }
+        if let Some(request) = self.next() {
+            let outcome = self.render(&request);
+            self.shared.change(|state| {
+                state.rendering = false;
+                state.picture_error = outcome.err().map(|error| error.to_string());
+            });
+        }
+        self.turn = None;
         true
+    }
+
+    /// Ends a turn and waits for the next one; false if the shot was closed meanwhile.
+    fn next_turn(&mut self, stage: Stage) -> bool {
+        self.turn = None;
+        self.turn = self.seat.turn(stage, || self.shared.lock().closed);
+        self.turn.is_some()
     }
 
     fn device_in_words(&self) -> String {
@@ -137,33 +157,38 @@ impl RenderThread {
         }
     }
 
-    /// Waits for something new and takes it over; none once the shot is closed.
+    /// Waits for something new; none once the shot is closed.
+    fn wait(&self) -> Option<Stage> {
+        let state = self.shared.wait_while(|state| !has_news(state, self.rendered));
+        if state.closed {
+            return None;
+        }
+        Some(if state.request.as_ref()?.interactive { Stage::Drag } else { Stage::First })
+    }
+
+    /// Takes over what is new; none if there is no picture of it.
     fn next(&mut self) -> Option<Arc<LiveRequest>> {
         let shared = self.shared.clone();
-        loop {
-            let rendered = self.rendered;
-            let mut state = shared.wait_while(|state| !has_news(state, rendered));
-            if state.closed {
-                return None;
-            }
-            let request = state.request.clone()?;
-            self.rendered = (state.requests, state.deliveries);
-            state.rendering = true;
-            let works = state.status.state.is_working();
-            let world = state.world.clone();
-            if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
-                self.renew_view(state);
-            }
-            if let Some(view) = &mut self.view {
-                let before = self.world.take();
-                self.world = world.map(|world| WorldUnit::of(world, view, before));
-                match works {
-                    true => view.share_machine(),
-                    false => view.prepare_for_rest(&self.compute),
-                }
-                return Some(request);
-            }
+        let mut state = shared.lock();
+        let request = state.request.clone()?;
+        self.rendered = (state.requests, state.deliveries);
+        state.rendering = true;
+        let works = state.status.state.is_working();
+        let world = state.world.clone();
+        if self.view.as_ref().is_none_or(|view| view.deliveries != state.deliveries) {
+            self.renew_view(state);
         }
+        let Some(view) = &mut self.view else {
+            shared.change(|state| state.rendering = false);
+            return None;
+        };
+        let before = self.world.take();
+        self.world = world.map(|world| WorldUnit::of(world, view, before));
+        match works {
+            true => view.share_machine(),
+            false => view.prepare_for_rest(&self.compute),
+        }
+        Some(request)
     }
 
     fn renew_view(&mut self, mut state: MutexGuard<State>) {
@@ -200,7 +225,8 @@ impl RenderThread {
             return Ok(());
         }
         let (terms, mut notes) = light_terms(request, &view);
-        self.units.trim(&terms.iter().map(|term| term.light.clone()).collect::<Vec<_>>());
+        let needed: Vec<Light> = terms.iter().map(|term| term.light.clone()).collect();
+        self.units.trim(&needed, self.seat.members());
         // Starting a denoiser of the full size denoises its features, which takes longer than all of the first picture.
         let scale = if self.first_frame && view.can_be_halved() { 2 } else { 1 };
         notes.warnings.extend(view.denoise(scale).missing());
@@ -237,12 +263,15 @@ impl RenderThread {
             _ => !replaced(&term),
         };
         let new = lights(terms, is_needed);
-        let scale = request.half.map_or(self.drag_scale, |half| if half { 2 } else { 1 });
+        // A picture beside the one that is looked at holds that up as little as may be.
+        let is_aside = !self.seat.is_attended();
+        let own_scale = if is_aside { 2 } else { self.drag_scale };
+        let scale = request.half.map_or(own_scale, |half| if half { 2 } else { 1 });
         let scale = if view.can_be_halved() { scale } else { 1 };
         // What is coarse is replaced by the next pass.
         let haste = if scale == 2 && view.passes.len() > 1 { Haste::Drag } else { Haste::NONE };
         while self.advance(&new, view, haste)? {
-            if self.units.all_begun(&new) && start.elapsed() > DRAG_BUDGET {
+            if self.units.all_begun(&new) && (is_aside || start.elapsed() > DRAG_BUDGET) {
                 break;
             }
         }
@@ -266,7 +295,7 @@ impl RenderThread {
     ) -> Result<(), SessionError> {
         let gathered = self.gathered(request, view, terms);
         let full = FrameQuality { scale: 1, is_drag: false };
-        let mut last_shown = Instant::now();
+        let (mut last_shown, mut stage) = (Instant::now(), Stage::First);
         let (shared, rendered) = (self.shared.clone(), self.rendered);
         let stop = move || is_outdated(&shared.lock(), rendered);
         loop {
@@ -279,13 +308,15 @@ impl RenderThread {
                 return Ok(());
             }
             let begun = self.units.all_begun(&gathered);
-            if begun && self.first_frame && view.can_be_halved() {
+            let is_first = self.first_frame && view.can_be_halved();
+            if begun && (is_first || last_shown.elapsed() > SHOW_EVERY) {
                 // A quarter of the pixels is denoised in a quarter of the time.
-                self.show(request, view, terms, FrameQuality { scale: 2, is_drag: false })?;
-                last_shown = Instant::now();
-            } else if begun && last_shown.elapsed() > SHOW_EVERY {
-                self.show(request, view, terms, full)?;
-                last_shown = Instant::now();
+                let scale = if is_first { 2 } else { 1 };
+                self.show(request, view, terms, FrameQuality { scale, ..full })?;
+                (last_shown, stage) = (Instant::now(), Stage::Refine);
+            }
+            if !self.next_turn(stage) {
+                return Ok(());
             }
         }
         let settled = self.show(request, view, terms, full)?;
@@ -344,55 +375,6 @@ impl RenderThread {
         let levels = view.connections.as_ref().map_or(0, |connections| connections.ready());
         let connect = |lights: &[Light], levels| pass.connected(lights, levels, stop);
         self.units.refine(lights, levels.min(view.passes.len()), connect)
-    }
-
-    /// Stores the light of another world for when the bake is opened again, once no more paths are to be expected.
-    fn store_world(&mut self, view: &BakeView) {
-        let (Some(world), Some(folder)) = (&mut self.world, &self.folder) else { return };
-        let may_store =
-            |state: &State| state.status.state != LiveState::Baking && world.is_of(state.world.as_ref());
-        if !may_store(&self.shared.lock()) {
-            return;
-        }
-        let stored = world.store(view, folder);
-        if let Err(error) = &stored {
-            self.monitor.warn(&error.to_string());
-        }
-        let mut forgotten = Ok(());
-        self.shared.change(|state| {
-            if world.is_of(state.world.as_ref()) {
-                state.status.world_is_stored = stored.is_ok_and(|stored| stored);
-            } else {
-                forgotten = forget(folder);
-            }
-        });
-        // Not before the lock is free, which a warning takes.
-        if let Err(error) = forgotten {
-            self.monitor.warn(&error.to_string());
-        }
-    }
-
-    /// Denoises stale pictures one at a time; false if something newer came up.
-    fn refine(&mut self, view: &mut BakeView, terms: &[LightTerm]) -> Result<bool, SessionError> {
-        let (denoise, quality) = (&view.denoise[0], view.quality);
-        let stop = || has_news(&self.shared.lock(), self.rendered);
-        for term in terms.iter().filter(|term| term.source == TermSource::Gather) {
-            let gathered = &mut self.units.of(&term.light).gathered;
-            if !gathered.is_done(quality) && !gathered.denoise(denoise, quality, Some(&stop))? {
-                return Ok(false);
-            }
-        }
-        if let Some(world) = self.world.as_mut().filter(|world| !world.is_done(quality))
-            && !world.gathered.denoise(denoise, quality, Some(&stop))?
-        {
-            return Ok(false);
-        }
-        for layer in &mut view.statics[shown_statics(self.world.is_some())] {
-            if !layer.denoise(denoise, quality, Some(&stop))? {
-                return Ok(false);
-            }
-        }
-        Ok(true)
     }
 
     /// True if another picture is asked for.

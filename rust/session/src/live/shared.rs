@@ -1,4 +1,4 @@
-use super::{LiveRequest, OtherWorld};
+use super::{Board, LiveRequest, OtherWorld};
 use crate::bake::guiding::GuidingRecord;
 use crate::bake::world::own_world;
 use crate::device::connections::Connections;
@@ -329,9 +329,10 @@ fn is_enough(learned_from: Option<u32>, samples: u32) -> bool {
     learned_from.is_some_and(|half| 4 * half >= samples)
 }
 
-/// Listener that passes progress on, and blocks work while it is paused or the render thread needs the machine.
+/// Listener that passes progress on, and blocks work while it is paused or a render thread needs the machine.
 pub(super) struct Gate {
     pub shared: Arc<Shared>,
+    pub board: Board,
     pub cancel: Cancel,
 }
 
@@ -339,7 +340,8 @@ impl Listener for Gate {
     fn progress(&self, progress: &Progress) {
         let mut state = self.shared.lock();
         state.status.stage = Some(progress.clone());
-        while (state.status.paused || state.rendering) && !state.closed && !self.cancel.requested() {
+        let is_held = |state: &State| state.status.paused || state.rendering || self.board.is_urgent();
+        while is_held(&state) && !state.closed && !self.cancel.requested() {
             // Woken by every change; the time limit is for a cancel that nobody announces.
             let waited = self.shared.changed.wait_timeout(state, Duration::from_millis(100));
             state = waited.unwrap_or_else(PoisonError::into_inner).0;

@@ -40,12 +40,12 @@ fn settings(samples: u32) -> TraceSettings {
 }
 
 fn live(folder: &Path) -> Live {
-    Live::new(folder, LiveOptions { device: Device::Cpu, gpu_memory: None, threads: 2 })
+    Live::new(folder, LiveOptions { device: Device::Cpu, threads: 2, ..LiveOptions::default() })
 }
 
 /// A bake that is open: pictures from now on are the best that there are of it, since no work goes on beside the render thread.
 fn opened(folder: &Path, device: Device) -> Live {
-    let live = Live::new(folder, LiveOptions { device, gpu_memory: None, threads: 2 });
+    let live = Live::new(folder, LiveOptions { device, threads: 2, ..LiveOptions::default() });
     live.open(0.0).unwrap();
     state(&live, LiveState::Ready);
     live

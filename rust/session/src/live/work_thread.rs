@@ -82,7 +82,11 @@ impl WorkRun {
     }
 
     fn work(&self) -> Result<(), SessionError> {
-        let gate = Gate { shared: self.shared.clone(), cancel: self.cancel.clone() };
+        let gate = Gate {
+            shared: self.shared.clone(),
+            board: self.options.board.clone(),
+            cancel: self.cancel.clone(),
+        };
         let monitor = Monitor::new(Arc::new(gate), self.cancel.clone());
         match &self.work {
             LiveTask::Bake { scene, settings, anew } => {

@@ -411,7 +411,7 @@ impl Relighter {
     fn cache(&self, light: &Light, change: impl FnOnce(&mut UnitImages)) {
         let mut units = self.units();
         change(units.of(light));
-        units.trim(std::slice::from_ref(light));
+        units.trim(std::slice::from_ref(light), 1);
     }
 
     /// Direct camera views of lights, which proxies do not learn. None for lights that the camera does not see, or

@@ -11,7 +11,7 @@ use relume_image::Image;
 use relume_scene::Light;
 use std::sync::Arc;
 
-/// Bytes of unit images that are kept for later; those of the present picture are kept whatever they take.
+/// Bytes of unit images of all shots that are kept for later; those of the present picture are kept whatever they take.
 const LIMIT: usize = 1 << 30;
 /// Share of the GPU's otherwise free memory for those on it: paths, proxies and trainings need the rest.
 const GPU_SHARE: f64 = 0.25;
@@ -123,9 +123,9 @@ impl UnitCache {
         Ok(true)
     }
 
-    /// Forgets the units used longest ago beyond the limits of memory, but none of `needed`.
-    pub fn trim(&mut self, needed: &[Light]) {
-        self.0.trim(needed, LIMIT, UnitImages::bytes);
+    /// Forgets the units used longest ago beyond the limits of memory, which as many shots share, but none of `needed`.
+    pub fn trim(&mut self, needed: &[Light], shots: usize) {
+        self.0.trim(needed, LIMIT / shots, UnitImages::bytes);
         let Some(gpu) = self.0.values().find_map(UnitImages::gpu) else { return };
         let on_gpu: usize = self.0.values().map(UnitImages::bytes_on_gpu).sum();
         let free = gpu.free_memory() as f64 + on_gpu as f64;

@@ -187,7 +187,7 @@ fn a_live_shot_whose_gpu_is_lost_goes_on_with_the_same_pictures() {
     baked(folder.path());
     trained(folder.path(), folder.path(), LightKind::Sphere);
     let choice = GpuChoice::Named(adapters()[0].name.clone());
-    let options = LiveOptions { device: Device::Gpu(choice.clone()), gpu_memory: None, threads: 2 };
+    let options = LiveOptions { device: Device::Gpu(choice.clone()), threads: 2, ..LiveOptions::default() };
     let live = Live::new(folder.path(), options);
     live.open(0.0).unwrap();
     // Each level of connections that the work thread makes ready changes pictures.

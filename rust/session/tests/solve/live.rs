@@ -23,7 +23,7 @@ const FIRST: u32 = 16;
 
 /// A bake of the room that goes on, once there are the first paths of each pixel.
 fn growing(folder: &Path) -> Live {
-    let live = Live::new(folder, LiveOptions { device: Device::Cpu, gpu_memory: None, threads: 1 });
+    let live = Live::new(folder, LiveOptions { device: Device::Cpu, threads: 1, ..LiveOptions::default() });
     let settings = TraceSettings { samples: ENDLESS, ..TraceSettings::default() };
     live.bake(Arc::new(room(0.0, [0.0; 3])), settings, 0.0, false).unwrap();
     more_than(&live, FIRST - 1);

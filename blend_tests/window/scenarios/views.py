@@ -1,0 +1,128 @@
+"""Four shots are laid out in four views: all follow one dragged light, each becomes its own relight, and the views are
+put together again. Measures how much later the active picture is beside the others."""
+
+import json
+import time
+
+import bpy
+import numpy as np
+import relume
+from artist import addon
+from mathutils import Vector
+
+NEEDS = ["demo.blend"]
+SCREEN = "1280x900"
+BAKE_SECONDS = 600
+DRAG_SECONDS = 10.0
+
+
+def add_camera(scene, name, right, up):
+    """A camera beside the scene's own, looking the same way."""
+    camera = scene.camera.copy()
+    camera.name = name
+    scene.collection.objects.link(camera)
+    camera.matrix_world.translation += scene.camera.matrix_world.to_3x3() @ Vector((right, up, 0.0))
+
+
+def drag(driver, lamp, found):
+    """Moves a light in every tick; mean seconds from a request to its picture in the current shot."""
+    asked, delays, start = {}, [], time.perf_counter()
+    while time.perf_counter() < start + DRAG_SECONDS:
+        lamp.location.x += 0.01 if len(asked) % 20 < 10 else -0.01
+        yield
+        now = time.perf_counter()
+        asked.setdefault(found._request_number, now)
+        if found.frame is not None and found.frame.request in asked:
+            delays.append(now - asked.pop(found.frame.request))
+    driver.check(len(delays) > 1, f"the active picture follows: {len(delays)} pictures")
+    return float(np.mean(delays))
+
+
+def play(driver):
+    """See the first line of this file."""
+    yield from driver.open("demo.blend")
+    yield from driver.look_through_camera()
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 320, 180, 100
+    scene.relume.quality, scene.relume.samples = "CUSTOM", 8
+    scene.relume.folder = str(driver.scratch / "bakes")
+    addon("engine.shot.options").preferences().train_seconds = 0.0
+    for name, right, up in (("Left", -0.4, 0.1), ("Right", 0.4, 0.3), ("High", 0.1, 0.5)):
+        add_camera(scene, name, right, up)
+    open_shots, live = addon("engine.shot.open_shots"), addon("live.scheduler").scheduler
+
+    with driver.step("bake"):
+        bpy.ops.relume.add_cameras()
+        bpy.ops.relume.bake_all()
+        batch = addon("engine.shot.background").batch_of(scene)
+        yield from driver.until(lambda: not batch.is_running, "all bakes", BAKE_SECONDS)
+        driver.check(len(batch.baked) == 4 and not batch.failures, f"all are baked: {batch.failures}")
+
+    def shots():
+        return open_shots.all_of(scene)
+
+    def rest():
+        return not live.settling and all(found.frame is not None and not found.is_busy for found in shots())
+
+    lamp = max((obj for obj in scene.objects if obj.type == "LIGHT"), key=lambda obj: obj.data.energy)
+    with driver.step("alone"):
+        scene.relume_shots.active = 0
+        yield from driver.until(lambda: shots() and rest(), "the current picture", 200)
+        alone = yield from drag(driver, lamp, open_shots.of(scene))
+        yield from driver.until(rest, "rest", 200)
+
+    with driver.step("lay out"):
+        area, window = driver.view, driver.window
+
+        def views():
+            return [area for area in window.screen.areas if area.type == "VIEW_3D"]
+
+        with bpy.context.temp_override(window=window, area=area):
+            bpy.ops.relume.lay_out()
+        yield from driver.until(lambda: len(views()) == 4 and all(view.width for view in views()), "four views")
+        yield from driver.until(lambda: len(shots()) == 4 and rest(), "four pictures", 300)
+        yield from driver.drawn()
+        before = driver.photo("before").astype(float)
+
+    with driver.step("mouse"):
+        seen = addon("live.seen")
+        # The view of the current shot is the last, for the drag.
+        for view in sorted(views(), key=lambda view: view.spaces.active.camera == scene.camera):
+            camera = view.spaces.active.camera
+            yield from driver.move_mouse(view.x + view.width / 2, view.y + view.height / 2)
+            yield from driver.until(
+                lambda camera=camera: seen._attended is open_shots.showing(scene, camera), "the view under the mouse"
+            )
+
+    with driver.step("drag"):
+        serials = {found.camera: found.serial for found in shots()}
+        together = yield from drag(driver, lamp, seen._attended)
+        yield from driver.drawn()
+        driver.photo("dragged")
+        yield from driver.until(rest, "rest", 300)
+        followed = {found.camera: found.serial - serials[found.camera] for found in shots()}
+        driver.check(min(followed.values()) > 1, f"all pictures follow: {followed}")
+        driver.record("active picture alone", alone, "s")
+        driver.record("active picture beside three", together, "s")
+        driver.record("the active one is later by", 100.0 * (together / alone - 1.0), "%", 20.0)
+
+    with driver.step("equal"):
+        lamp.location.x += 0.3
+        yield from driver.until(lambda: not rest(), "an edit", 30)
+        yield from driver.until(rest, "rest", 300)
+        for found in shots():
+            lights = json.dumps({"format": "relume-lights", "version": 1, "lights": live.lights_of(scene, found)})
+            expected = relume.Relighter(found.folder).relight(lights)["combined"]
+            difference = float(np.abs(found.frame.image[::-1, :, :3] - expected).max())
+            driver.check(difference < 1e-3, f"{found.camera} is its relight: {difference}")
+        yield from driver.drawn()
+        changed = np.abs(driver.photo("after").astype(float) - before).mean()
+        driver.check(changed > 0.5, f"the views changed: {changed}")
+
+    with driver.step("together"):
+        with bpy.context.temp_override(window=window, area=views()[0]):
+            bpy.ops.relume.lay_out()
+        yield from driver.until(lambda: len(views()) == 1, "one view")
+        yield from driver.until(lambda: len(shots()) == 1, "the others to be closed", 30)
+        yield from driver.drawn()
+        driver.photo("together")
