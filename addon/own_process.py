@@ -1,4 +1,4 @@
-"""The command line of a Blender that was started for it, or of the `bpy` module: `... shot.blend -- bake --out FOLDER`."""
+"""The command line of a Blender that was started for it, or of the `bpy` module: `... shot.blend -- bake --out X`."""
 
 from __future__ import annotations
 
