@@ -55,7 +55,7 @@ class Prim:
 def read(text: str) -> Prim:
     """The root of a layer. Raises UsdError."""
     if not text.startswith("#usda"):
-        raise UsdError("it is not a text file of OpenUSD, which begins with #usda")
+        raise UsdError("it is no text of OpenUSD, which begins with #usda; usdcat IN -o OUT.usda makes it so")
     return _UsdText(text).layer()
 
 
