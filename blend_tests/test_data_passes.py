@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 import addon
-from addon.engine.render.data_passes import MATERIAL_INDEX, MATTES, OBJECT_INDEX, POSITION
+from addon.engine.render.data_passes import (
+    MATERIAL_INDEX,
+    MATTES,
+    OBJECT_INDEX,
+    POSITION,
+)
+from addon.engine.render.unwritten_passes import unwritten_passes
 from exr import read_exr, read_fields
 from helpers import add_light, add_material, add_quad, write_multilayer
 
@@ -131,6 +137,16 @@ def test_positions_and_indices_are_those_of_cycles(shot, tmp_path):
         difference = np.abs(ours[f"{POSITION}.{axis}"] - theirs[f"{POSITION}.{axis}"])[inside]
         # A pixel is 0.075 m wide.
         assert difference.mean() < 0.04 and np.quantile(difference, 0.99) < 0.12
+
+
+def test_passes_that_are_not_written_are_named(shot):
+    layer = shot.view_layers[0]
+    assert unwritten_passes(layer) == ""
+    layer.use_pass_vector = layer.use_pass_mist = True
+    layer.aovs.add().name = "Dirt"
+    layer.lightgroups.add(name="Keys")
+    words = unwritten_passes(layer)
+    assert words.startswith(f"view layer '{LAYER}'") and "'Vector', 'Mist', 'Dirt' and 1 more" in words
 
 
 def test_passes_that_nobody_wants_are_not_traced(shot, tmp_path, monkeypatch):
