@@ -10,7 +10,7 @@ from ...core.words import listed
 
 PREFIX = "use_pass_"
 WRITTEN = {
-    *("combined", "z", "normal", "diffuse_color", "position", "object_index", "material_index"),
+    *("combined", "z", "normal", "diffuse_color", "position", "uv", "object_index", "material_index"),
     *("cryptomatte_object", "cryptomatte_material", "cryptomatte_asset", "cryptomatte_accurate"),
     *("shadow_catcher", "grease_pencil"),
 }
