@@ -149,8 +149,8 @@ def test_blenders_own_files_are_read(scene, registered_for_all_files, tmp_path):
     bpy.data.objects["Bulb"].data.use_soft_falloff = True
     for obj in made:
         obj.scale = (1.0, 1.0, 1.0)
-        if IS_NEW:  # Nor what a light that is not normalised would have if it were; its temperature is another formula.
-            obj.data.normalize, obj.data.use_temperature = True, False
+        if IS_NEW:  # Nor a size that power depends on. Up to 5.0 it writes temperatures as on even where they are off.
+            obj.data.normalize, obj.data.use_temperature = True, True
     update()
     before = exported(scene)["lights"]
     bpy.ops.wm.usd_export(filepath=str(tmp_path / "own.usda"))
