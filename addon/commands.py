@@ -15,7 +15,7 @@ from typing import Any
 
 import bpy
 
-from . import shot_commands
+from . import light_commands, shot_commands
 from .core import command_line
 from .core.bake_folder import OTHER_WORLD, camera_of, clear, clear_paths, is_bake, size_of
 from .core.progress import Pace, Reporter, clock
@@ -265,6 +265,16 @@ def _scene_of_bake(options: argparse.Namespace, rest: list[str], reporter: Repor
     return exported
 
 
+def export_lights(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Writes the lights of the open scene for other programs."""
+    return light_commands.export_lights(options, reporter, _open_scene)
+
+
+def import_lights(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
+    """Makes a look of the lights of another program."""
+    return light_commands.import_lights(options, reporter)
+
+
 def verify(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Renders the open scene with Cycles and compares it with a picture."""
     from .engine.cycles import reference as cycles_reference
@@ -319,7 +329,7 @@ def _open_scene(options: argparse.Namespace, reporter: Reporter) -> bpy.types.Sc
     scene = bpy.context.scene
     if options.frame is not None:
         scene.frame_set(options.frame)
-    _check_camera(scene, options.camera)
+    _check_camera(scene, getattr(options, "camera", None))
     layer = getattr(options, "layer", None) or ""
     if layer and layer not in scene.view_layers:
         raise ExportError(f"scene '{scene.name}' has no view layer '{layer}'; it has {_all_of(scene.view_layers)}")
@@ -366,6 +376,8 @@ COMMANDS = {
     "export": export,
     "farm": farm,
     "relight": relight,
+    "export-lights": export_lights,
+    "import-lights": import_lights,
     "verify": verify,
     pictures.COMMAND: read_picture,
     image_colors.COMMAND: convert_image,

@@ -1,4 +1,4 @@
-"""Data passes of F12 against those of Cycles: positions, pass indices, Cryptomatte and its metadata."""
+"""Data passes of F12 against those of Cycles: positions, UV, pass indices, Cryptomatte and its metadata."""
 
 import json
 import struct
@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 import addon
-from addon.engine.render.data_passes import MATERIAL_INDEX, MATTES, OBJECT_INDEX, POSITION
+from addon.engine.render.data_passes import (
+    MATERIAL_INDEX,
+    MATTES,
+    OBJECT_INDEX,
+    POSITION,
+    TEXTURE_COORDINATES,
+)
+from addon.engine.render.unwritten_passes import unwritten_passes
 from exr import read_exr, read_fields
 from helpers import add_light, add_material, add_quad, write_multilayer
 
@@ -131,6 +138,43 @@ def test_positions_and_indices_are_those_of_cycles(shot, tmp_path):
         difference = np.abs(ours[f"{POSITION}.{axis}"] - theirs[f"{POSITION}.{axis}"])[inside]
         # A pixel is 0.075 m wide.
         assert difference.mean() < 0.04 and np.quantile(difference, 0.99) < 0.12
+
+
+def test_uv_are_those_of_cycles_of_the_map_that_renders_use(shot, tmp_path):
+    for name in ("Ground", "Veil é"):  # The card has no map.
+        maps = shot.objects[name].data.uv_layers
+        first, second = maps.new(name="First"), maps.new(name="Second")
+        for corner, value in zip(second.data, ((0.25, 0.5), (0.75, 0.5), (1.5, 1.0), (0.0, 2.0)), strict=True):
+            corner.uv = value
+        first.active_render, second.active_render = name != "Ground", name == "Ground"
+    layer = shot.view_layers[0]
+    layer.use_pass_uv = True
+    layer.use_pass_cryptomatte_object = layer.use_pass_cryptomatte_material = layer.use_pass_cryptomatte_asset = False
+    pictures = {}
+    for threshold in (0.2, 0.5):
+        layer.pass_alpha_threshold = threshold
+        found = [render(shot, tmp_path, engine)[0] for engine in ("RELUME", "CYCLES")]
+        ours, theirs = (np.stack([one[f"{TEXTURE_COORDINATES}.{axis}"] for axis in "UVA"]) for one in found)
+        blocks = [picture.reshape(3, 8, 4, 12, 4).mean(axis=(2, 4)) for picture in (ours, theirs)]
+        np.testing.assert_allclose(*blocks, atol=0.02)
+        assert np.abs(ours - theirs).mean() < 0.01 and np.ptp(blocks[0][0]) > 0.3
+        pictures[threshold] = ours
+    # Through the veil the ground is seen.
+    assert np.abs(pictures[0.2] - pictures[0.5]).max() > 0.3
+    share = pictures[0.2][2]
+    assert share.max() == pytest.approx(1.0) and 0.02 < (share < 0.01).mean() < 0.5, (
+        "of the card, and beside the ground"
+    )
+
+
+def test_passes_that_are_not_written_are_named(shot):
+    layer = shot.view_layers[0]
+    assert unwritten_passes(layer) == ""
+    layer.use_pass_vector = layer.use_pass_mist = True
+    layer.aovs.add().name = "Dirt"
+    layer.lightgroups.add(name="Keys")
+    words = unwritten_passes(layer)
+    assert words.startswith(f"view layer '{LAYER}'") and "'Vector', 'Mist', 'Dirt' and 1 more" in words
 
 
 def test_passes_that_nobody_wants_are_not_traced(shot, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """The extension zip installs, runs its command and is removed, under private user resources."""
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -16,10 +17,10 @@ from extension_zip import zip_for_this_machine  # noqa: E402
 from stamp_wheel import record_line, stamp  # noqa: E402
 
 INSTALL = """
-import importlib, os, sys
+import importlib, os, subprocess, sys
 import bpy
 
-def main(zip_path, out):
+def main(zip_path, out, script):
     bpy.ops.preferences.addon_enable(module="bl_pkg")
     bpy.ops.preferences.addon_enable(module="cycles")
     bpy.ops.extensions.package_install_files(
@@ -33,6 +34,8 @@ def main(zip_path, out):
     assert len(addon._registered) == 1
     # The function that `blender --command relume` calls.
     code = addon._run_command(["bake", "--out", out, "--samples", "2", "--resolution", "16x9", "--quiet"])
+    # That of farms, away from the checkout: it finds what is installed.
+    subprocess.run([sys.executable, script, "--", "info", out], check=True)
     for switch in ("disable", "enable", "disable", "enable"):
         getattr(bpy.ops.preferences, f"addon_{switch}")(module=addon.__name__)
         addon = importlib.import_module(addon.__name__)
@@ -62,7 +65,8 @@ def test_extension_installs_bakes_and_goes_without_a_trace(tmp_path):
         pytest.skip("the extension is not built; run make extension-linux")
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user")}
     (tmp_path / "user").mkdir()
-    command = [sys.executable, "-c", INSTALL, str(extension), str(tmp_path / "bake")]
+    script = shutil.copy(extension.parent / "relume_bake.py", tmp_path)
+    command = [sys.executable, "-c", INSTALL, str(extension), str(tmp_path / "bake"), script]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / "bake" / "lights.json").exists()

@@ -69,6 +69,7 @@ def parser() -> argparse.ArgumentParser:
     _add_export(commands)
     _add_farm(commands)
     _add_relight(commands)
+    _add_lights(commands)
     _add_verify(commands)
     _add_read_picture(commands)
     _add_render_world(commands)
@@ -134,6 +135,20 @@ def _add_relight(commands: argparse._SubParsersAction) -> None:
     relight.add_argument("--lights", metavar="FILE", help="light set (JSON); default: the lights of the open scene")
     _add_view(relight)
     _add_run(relight)
+
+
+def _add_lights(commands: argparse._SubParsersAction) -> None:
+    out = commands.add_parser("export-lights", help="write the lights of the open scene as UsdLux, for other programs")
+    out.add_argument("-o", "--out", required=True, metavar="FILE", help="text file of OpenUSD to write: .usda or .usd")
+    out.add_argument("--look", metavar="FILE", help="look (JSON) whose lights and rows are meant; default: as they are")
+    out.add_argument("--suns-for-blender", action="store_true", help="write suns as Blender's own importer takes them")
+    out.add_argument("--scene", metavar="NAME", help="scene of the file; default: that of its first window")
+    out.add_argument("--frame", type=int, help="frame; default: the file's present one")
+    _add_output(out)
+    into = commands.add_parser("import-lights", help="make a look of the lights of a file of OpenUSD")
+    into.add_argument("file", help="text file of OpenUSD")
+    into.add_argument("-o", "--out", required=True, metavar="FILE", help="look to write (JSON)")
+    _add_output(into)
 
 
 def _add_verify(commands: argparse._SubParsersAction) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import functools
 import tomllib
-from pathlib import Path
 from types import ModuleType
+
+from ..core.own_files import addon_folder
 
 
 class NativeModuleError(Exception):
@@ -31,5 +32,5 @@ def native() -> ModuleType:
 
 @functools.cache
 def _wanted_version() -> str:
-    manifest = Path(__file__).resolve().parents[1] / "blender_manifest.toml"
+    manifest = addon_folder() / "blender_manifest.toml"
     return tomllib.loads(manifest.read_text(encoding="utf-8"))["version"]

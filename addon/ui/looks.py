@@ -16,6 +16,7 @@ from ..apply.look_lights import light_state, refusals, restore_lights
 from ..apply.writable import RefusedError
 from ..core.looks import Look, LookError, from_json, match, to_json
 from ..core.receivers import with_names
+from ..engine.reading import usd_files
 from ..engine.shot import requests
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_objects
@@ -115,7 +116,8 @@ def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome
     """Puts the rows back, and with `lights` the lights as they were too. Raises LookError or RefusedError, and has then
     written nothing."""
     rows.sync(scene)
-    match(look, [row.values() for row in rows.present_rows(scene)])
+    if not (lights and any(state.get("added") for state in look.lights)):
+        match(look, [row.values() for row in rows.present_rows(scene)])
     if lights:
         _restore_lights(scene, look)
     present = rows.present_rows(scene)
@@ -163,6 +165,14 @@ def import_file(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, Outcome
     rows.sync(scene)
     matched = match(look, [row.values() for row in rows.present_rows(scene)])
     return add(scene, look), Outcome(matched.missing, matched.unknown)
+
+
+def import_lights(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, list[str]]:
+    """Adds a look from a file of OpenUSD; also says what the file has and the look has not. Raises UsdError or
+    OSError."""
+    look, warnings = usd_files.read_file(path)
+    rows.sync(scene)
+    return add(scene, look), warnings
 
 
 def active_look(scene: bpy.types.Scene) -> RelumeLook | None:

@@ -5,18 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ..apply.writable import RefusedError
 from ..core.looks import LookError
+from ..core.usd.text import UsdError
+from ..engine.native import NativeModuleError
+from ..engine.reading import usd_files
 from ..engine.shot import shot
 from ..live import comparison
 from ..viewport import compare as pairs
 from . import looks, thumbnails
 from .panel import RelumePanel
 
-PROBLEMS = (LookError, RefusedError, comparison.CompareError, OSError)
+PROBLEMS = (LookError, RefusedError, UsdError, NativeModuleError, comparison.CompareError, OSError)
 
 
 class _OnLook:
@@ -135,6 +138,68 @@ class RELUME_OT_import_look(ImportHelper, bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
+def _warn(operator: bpy.types.Operator, warnings: list[str]) -> None:
+    for words in warnings:
+        operator.report({"WARNING"}, words[:1].upper() + words[1:])
+
+
+class RELUME_OT_export_lights(ExportHelper, bpy.types.Operator):  # noqa: N801
+    """Write the lights as the rows show them, or as this look does, to a text file of OpenUSD (UsdLux) for other \
+programs"""
+
+    bl_idname = "relume.export_lights"
+    bl_label = "Export Lights (USD)"
+    filename_ext = ".usda"
+    filter_glob: StringProperty(default="*.usda;*.usd", options={"HIDDEN"})
+    source: EnumProperty(
+        name="Lights",
+        description="What is written",
+        items=(("PRESENT", "As Now", "Lights and rows as they are"), ("LOOK", "Of This Look", "Those of the look")),
+        default="PRESENT",
+    )
+    for_blender: BoolProperty(
+        name="Suns for Blender",
+        description="Blender's own importer takes a sun for four times as strong and twice as large as other programs",
+        default=False,
+    )
+
+    def execute(self, context):
+        """Called by Blender."""
+        scene, chosen = context.scene, looks.active_look(context.scene)
+        if self.source == "LOOK" and chosen is None:
+            self.report({"ERROR"}, "There is no look; take a snapshot, or write the lights as they are now")
+            return {"CANCELLED"}
+        try:
+            look = chosen.look() if self.source == "LOOK" else looks.current(scene, scene.name)
+            warnings = usd_files.write_file(scene, look, Path(self.filepath), self.for_blender)
+        except PROBLEMS as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        _warn(self, warnings)
+        return {"FINISHED"}
+
+
+class RELUME_OT_import_lights(ImportHelper, bpy.types.Operator):  # noqa: N801
+    """Add a look from the lights of a text file of OpenUSD (UsdLux). Lights Too writes them, and makes those that are \
+not there"""
+
+    bl_idname = "relume.import_lights"
+    bl_label = "Import Lights (USD)"
+    bl_options = {"REGISTER", "UNDO"}
+    filename_ext = ".usda"
+    filter_glob: StringProperty(default="*.usda;*.usd", options={"HIDDEN"})
+
+    def execute(self, context):
+        """Called by Blender."""
+        try:
+            _entry, warnings = looks.import_lights(context.scene, Path(self.filepath))
+        except PROBLEMS as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        _warn(self, warnings)
+        return {"FINISHED"}
+
+
 class RELUME_OT_compare_looks(_OnLook, bpy.types.Operator):  # noqa: N801
     """Show this look as A beside the other one as B. Without another one, B is the present picture"""
 
@@ -194,6 +259,9 @@ class RELUME_PT_looks(RelumePanel, bpy.types.Panel):  # noqa: N801
         buttons.separator()
         buttons.operator("relume.import_look", text="", icon="IMPORT")
         buttons.operator("relume.export_look", text="", icon="EXPORT")
+        line = layout.row(align=True)
+        line.operator("relume.import_lights", text="Import USD", icon="IMPORT")
+        line.operator("relume.export_lights", text="Export USD", icon="EXPORT")
         look = looks.active_look(context.scene)
         if look is not None:
             _draw_look(layout, context.scene, look)
@@ -229,6 +297,8 @@ CLASSES = (
     RELUME_OT_delete_look,
     RELUME_OT_export_look,
     RELUME_OT_import_look,
+    RELUME_OT_export_lights,
+    RELUME_OT_import_lights,
     RELUME_OT_compare_looks,
     RELUME_OT_stop_comparing,
     RELUME_UL_looks,

@@ -150,6 +150,7 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
             column.prop(layer.cycles, "use_pass_shadow_catcher", text="Shadow Catcher")
         column = layout.column(heading="Data")
         column.prop(layer, "use_pass_position", text="Position")
+        column.prop(layer, "use_pass_uv", text="UV")
         column.prop(layer, "use_pass_object_index", text="Object Index")
         column.prop(layer, "use_pass_material_index", text="Material Index")
         column.prop(layer, "pass_alpha_threshold")

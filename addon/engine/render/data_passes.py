@@ -1,4 +1,4 @@
-"""Data passes of a final render, of which no light changes anything: positions, pass indices, Cryptomatte."""
+"""Data passes of a final render, of which no light changes anything: positions, UV, pass indices, Cryptomatte."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..native import native
 
-POSITION = "Position"
+POSITION, TEXTURE_COORDINATES = "Position", "UV"
 OBJECT_INDEX, MATERIAL_INDEX = (
     ("IndexOB", "IndexMA") if bpy.app.version < (5, 0, 0) else ("Object Index", "Material Index")
 )
@@ -28,6 +28,7 @@ class DataPassSettings:
     """Data passes that a render has."""
 
     position: bool = False
+    uv: bool = False
     object_index: bool = False
     material_index: bool = False
     mattes: tuple[str, ...] = ()
@@ -47,6 +48,7 @@ class DataPassSettings:
         )
         return cls(
             position=layer.use_pass_position,
+            uv=layer.use_pass_uv,
             object_index=layer.use_pass_object_index,
             material_index=layer.use_pass_material_index,
             mattes=tuple(name for name, is_wanted in zip(MATTES, wanted, strict=True) if is_wanted),
@@ -55,11 +57,12 @@ class DataPassSettings:
         )
 
     def __bool__(self) -> bool:
-        return self.position or self.object_index or self.material_index or bool(self.mattes)
+        return any((self.position, self.uv, self.object_index, self.material_index, self.mattes))
 
     def declare(self) -> list[tuple[str, int, str, str]]:
         """Name, channels, their letters and Blender's type of each pass."""
         channels = [(POSITION, 3, "XYZ", "VECTOR")] * self.position
+        channels += [(TEXTURE_COORDINATES, 3, "UVA", "VECTOR")] * self.uv
         channels += [(OBJECT_INDEX, 1, "X", "VALUE")] * self.object_index
         channels += [(MATERIAL_INDEX, 1, "X", "VALUE")] * self.material_index
         channels += [(name, 4, "rgba", "COLOR") for matte in self.mattes for name in self._levels(matte)]
@@ -67,7 +70,7 @@ class DataPassSettings:
 
     def trace(self, exported: Any, settings: str, samples: int, assets: dict[str, str]) -> Any:
         """Native passes of a scene, whose job is running. The assets are those of objects by their names."""
-        samples = min(samples, SAMPLES) if self.mattes else 1  # All else is of the first ray.
+        samples = min(samples, SAMPLES) if self.mattes or self.uv else 1  # All else is of the first ray.
         wanted = {"ranks": self.ranks, "alpha_threshold": self.alpha_threshold, "assets": assets}
         return native().DataPasses(exported, settings, samples=samples, **wanted)
 
@@ -75,6 +78,7 @@ class DataPassSettings:
         """Passes by their names in Blender, of those that the native module has traced."""
         layers = {
             POSITION: pictures["position"],
+            TEXTURE_COORDINATES: pictures["uv"],
             OBJECT_INDEX: pictures["object_index"],
             MATERIAL_INDEX: pictures["material_index"],
         }

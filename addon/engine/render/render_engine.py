@@ -30,6 +30,7 @@ from ..shot.checks import folders_in_use
 from ..shot.options import Options, options_of, remembered_bake
 from ..workers.process import private_folder
 from .data_passes import MATTES, DataPassSettings, assets_of, matte_fields
+from .unwritten_passes import unwritten_passes
 
 ENGINE = "RELUME"
 """Identifier for `bpy.types.RenderSettings.engine`."""
@@ -123,6 +124,8 @@ class _FinalRender:
         exported = scene_of_depsgraph(self.engine, self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
         for text in grouped(tuple(exported.warnings)):
             self._warn(text)
+        if words := unwritten_passes(self.depsgraph.view_layer):
+            self._warn(words)
         lights = self._mixed(json.loads(exported.lights()))
         with self._baked(exported, lights) as relighter:
             picture = self._relit(relighter, lights, exported.world_color)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import importlib.util
 import json
 import os
 import shutil
@@ -21,10 +22,21 @@ from typing import Any
 import bpy
 
 from ...core.disk import free_space, in_words
+from ...core.own_files import addon_folder
 from ...export.stop import ExportCancelled, Stop
 from . import unsaved_images
 
-SCRIPT = "relume_bake.py"
+OWN_PACKAGE = "relume_addon"
+"""Name of the add-on in another Blender, where it is not enabled."""
+START = """
+import importlib, importlib.util, os, sys
+for name, folder in {folders!r}.items():
+    file = os.path.join(folder, "__init__.py")
+    spec = importlib.util.spec_from_file_location(name, file, submodule_search_locations=[folder])
+    sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules[name])
+importlib.import_module("{package}.own_process").main()
+"""
 OWNED = "RELUME_ENDS_WITH_STANDARD_INPUT"
 """Environment variable of a process that is to end with the one that started it. Not on Windows, where libraries that
 are loaded wait while the standard input is read."""
@@ -226,15 +238,14 @@ def _no_thumbnail() -> Iterator[None]:
 def blender_command(blend: Path | None, arguments: list[str]) -> list[str]:
     """The command line of `relume ARGUMENTS` with a file, for another Blender of this version; without a window, the
     user's own start-up file and other add-ons."""
-    script = str(_script())
     file = [str(blend)] if blend else []
     if not bpy.app.binary_path:  # The `bpy` module.
-        return [sys.executable, script, *file, "--", *arguments]
+        return [sys.executable, "-c", _start(), *file, "--", *arguments]
     scripts = bpy.context.preferences.filepaths.use_scripts_auto_execute
     drivers = ["--enable-autoexec" if scripts else "--disable-autoexec"]
     return [
         *(bpy.app.binary_path, "--background", "--factory-startup"),
-        *(*drivers, *file, "--python", script, "--", *arguments),
+        *(*drivers, *file, "--python-exit-code", "1", "--python-expr", _start(), "--", *arguments),
     ]
 
 
@@ -253,7 +264,11 @@ def run_to_end(arguments: list[str], folder: Path, stop: Stop) -> Worker:
     return worker
 
 
-def _script() -> Path:
-    """Beside the add-on in a checkout, inside of it in an extension."""
-    addon = Path(__file__).resolve().parents[2]
-    return next(path for path in (addon / SCRIPT, addon.parent / SCRIPT) if path.exists())
+def _start() -> str:
+    """Python text by which another Blender, with factory settings, loads this add-on and its native module from where
+    they are here, and runs its own command line."""
+    folders = {OWN_PACKAGE: str(addon_folder())}
+    native = importlib.util.find_spec("relume")
+    if native is not None and native.submodule_search_locations:
+        folders["relume"] = native.submodule_search_locations[0]
+    return START.format(folders=folders, package=OWN_PACKAGE)

@@ -73,6 +73,7 @@ impl PyDataPasses {
             pictures.set_item(name, PyArray1::from_vec(py, values).reshape([height, width, channels])?)
         };
         add("position", traced.positions.into_flattened(), 3)?;
+        add("uv", traced.uvs.into_flattened(), 3)?;
         add("object_index", traced.object_indices, 1)?;
         add("material_index", traced.material_indices, 1)?;
         add("objects", traced.objects.into_flattened(), 2 * self.ranks)?;

@@ -1,4 +1,5 @@
-//! Passes that tell what each pixel shows, of whatever light: positions, pass indices and mattes of objects and materials.
+//! Passes that tell what each pixel shows, of whatever light: positions, texture coordinates, pass indices and mattes of objects
+//! and materials.
 //!
 //! Mattes are those of Cryptomatte (Friedman and Jones, "Fully automatic ID mattes with support for motion blur and
 //! transparency", 2015; specification 1.2.0): the shares of a pixel that objects cover, by a hash of their names. As in Cycles,
@@ -6,6 +7,7 @@
 
 use std::collections::HashMap;
 
+use glam::Vec3;
 use relume_dump::TileRect;
 use relume_scene::{Material, Scene};
 
@@ -27,7 +29,8 @@ pub struct DataPassSettings {
     pub samples: u32,
     /// Objects and materials that are told apart in a pixel.
     pub ranks: usize,
-    /// Surfaces whose alpha is less are looked through for positions and pass indices, unless nothing is behind.
+    /// Surfaces whose alpha is less are looked through for coordinates and pass indices. Unless nothing is behind, that is: only
+    /// texture coordinates are 0 then.
     pub alpha_threshold: f32,
     /// Name of the asset that an object belongs to, for those whose name is another.
     pub assets: HashMap<String, String>,
@@ -38,6 +41,9 @@ pub struct DataPassSettings {
 pub struct DataPasses {
     /// World space, metres, where the first ray meets a surface of enough alpha; 0 where it meets none.
     pub positions: Vec<[f32; 3]>,
+    /// Texture coordinates of the map that renders use, and 1 where there are some: means over the paths of the pixel, as in Cycles.
+    /// Those that scatter at a surface of too little alpha have none.
+    pub uvs: Vec<[f32; 3]>,
     /// Pass index of the object there.
     pub object_indices: Vec<f32>,
     /// Pass index of the material there.
@@ -54,6 +60,7 @@ impl DataPasses {
     /// Adds the pixels of an area below, which is as wide.
     pub fn append(&mut self, mut below: Self) {
         self.positions.append(&mut below.positions);
+        self.uvs.append(&mut below.uvs);
         self.object_indices.append(&mut below.object_indices);
         self.material_indices.append(&mut below.material_indices);
         self.objects.append(&mut below.objects);
@@ -108,7 +115,7 @@ impl<'t> DataTracer<'t> {
         let time = cameras.time(y, || sampler.draw(sample, TIME_GROUP)[0]);
         let Some(camera) = cameras.ray(x, y, time, sampler.draw(sample, CAMERA_GROUP)) else { return };
         let mut ray = Ray { t_max: camera.length, ..Ray::new(camera.origin, camera.direction).at(time) };
-        let (mut weight, mut footprint, mut seeks_first) = (1.0, camera.footprint, true);
+        let (mut weight, mut straight, mut footprint, mut seeks_first) = (1.0, 1.0, camera.footprint, true);
         for passed in 0..=settings.bounces.transparent {
             let Some(hit) = bvh.intersect(&ray) else { return };
             footprint += camera.spread * hit.distance;
@@ -127,14 +134,20 @@ impl<'t> DataTracer<'t> {
                     material_index: shader.map_or(0, |shader| shader.pass_index),
                 };
             }
-            let transparency = match material {
-                _ if is_hull => 1.0,
+            let (transparency, straight_share) = match material {
+                _ if is_hull => (1.0, 1.0),
                 Some(material) if self.ids.are_clear[material] => {
-                    self.transparency(&point, passed, &mut pixel.surface)
+                    let transparency = self.transparency(&point, passed, &mut pixel.surface);
+                    (transparency, pixel.surface.straight_share())
                 }
-                _ => 0.0,
+                _ => (0.0, 0.0),
             };
-            seeks_first &= is_hull || 1.0 - transparency < self.settings.alpha_threshold;
+            let is_first = seeks_first && !is_hull && 1.0 - transparency >= self.settings.alpha_threshold;
+            if let Some(uv) = is_first.then(|| materials.rendered_uv(scene, &point)).flatten() {
+                pixel.uv += uv.extend(1.0) * straight;
+            }
+            straight *= straight_share;
+            seeks_first &= !is_first;
             let covered = weight * (1.0 - transparency);
             if covered > 0.0 {
                 pixel.objects.add(self.ids.objects[hit.instance as usize], covered);
@@ -217,6 +230,7 @@ struct FirstSurface {
 /// Sums over the rays of one pixel.
 struct PixelData {
     first: FirstSurface,
+    uv: Vec3,
     objects: Ranks,
     materials: Ranks,
     assets: Ranks,
@@ -227,11 +241,13 @@ struct PixelData {
 impl PixelData {
     fn new(ranks: usize) -> Self {
         let [objects, materials, assets] = std::array::from_fn(|_| Ranks::new(ranks));
-        Self { first: FirstSurface::default(), objects, materials, assets, surface: Surface::default() }
+        let (first, surface) = Default::default();
+        Self { first, uv: Vec3::ZERO, objects, materials, assets, surface }
     }
 
     fn clear(&mut self) {
         self.first = FirstSurface::default();
+        self.uv = Vec3::ZERO;
         for ranks in [&mut self.objects, &mut self.materials, &mut self.assets] {
             ranks.slots.clear();
         }
@@ -240,6 +256,7 @@ impl PixelData {
     fn write(&mut self, scale: f32, passes: &mut DataPasses) {
         let FirstSurface { position, object_index, material_index } = self.first;
         passes.positions.push(position);
+        passes.uvs.push((self.uv * scale).to_array());
         passes.object_indices.push(object_index as f32);
         passes.material_indices.push(material_index as f32);
         self.objects.write(scale, &mut passes.objects);

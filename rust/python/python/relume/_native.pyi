@@ -301,7 +301,8 @@ class DataPasses:
     def job(self) -> Job: ...
     def pictures(self) -> dict[str, NDArray[np.float32]]:
         """[H, W, C] once the job is done, a single time: position [3] in metres, object_index and material_index [1];
-        and the mattes objects, materials and assets [2 a rank], each rank an identifier and its share of the pixel
+        uv [3], a mean over the samples as the mattes are, its last channel the share that has coordinates; and the
+        mattes objects, materials and assets [2 a rank], each rank an identifier and its share of the pixel
         (Cryptomatte)."""
 
     def names(self) -> tuple[set[str], set[str]]:

@@ -250,6 +250,12 @@ impl Surface {
         self.transparency
     }
 
+    /// Share of the paths that meet the surface and go straight through.
+    pub fn straight_share(&self) -> f32 {
+        let straight = self.transparency.element_sum() / 3.0;
+        if straight > 0.0 { (straight / self.total_weight()).min(1.0) } else { 0.0 }
+    }
+
     /// Chooses a closure and a direction from three numbers in 0..1; nothing if the path ends here. The density and
     /// the value are those of all closures together (one-sample model with the balance heuristic).
     pub fn sample(&self, u: [f32; 3]) -> Option<BsdfSample> {

@@ -306,6 +306,15 @@ impl PreparedMaterials {
         self.attributes(geometry).uv_maps[name]
     }
 
+    /// Coordinates of a point in the UV map that renders use; nothing where its geometry has none.
+    pub fn rendered_uv(&self, scene: &Scene, point: &SurfacePoint) -> Option<Vec2> {
+        self.uv_map(point.geometry, 0)?;
+        let graph = Graph::default();
+        let context =
+            ShadingContext { prepared: self, scene, graph: &graph, point, assumed: &[], probes: None };
+        Some(context.active_uv().truncate())
+    }
+
     /// The attribute with this name number in a geometry.
     pub(super) fn attribute(&self, geometry: Geometry, name: usize) -> Option<NamedAttribute> {
         self.attributes(geometry).named[name]
