@@ -51,7 +51,6 @@ NODES: dict[str, tuple[str, str]] = {
     "ShaderNodeLightFalloff": (APPROXIMATED, "in lights where it is a factor on all of the light; else named"),
     "ShaderNodeScript": (NOT, "named: scripts in Open Shading Language run in Cycles alone"),
     "GeometryNodeMenuSwitch": (EQUAL, ""),
-    "ShaderNodeTexPointDensity": (NOT, "named, and taken as a constant"),
     "ShaderNodeRaycast": (APPROXIMATED, MET),
 }
 

@@ -142,7 +142,8 @@ class _SceneExporter:
         self.render_world = render_world
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
-        self.images = ImageExporter(builder, frame, convert_image, texture_size(depsgraph.scene), self._world_texture)
+        size = texture_size(depsgraph.scene)
+        self.images = ImageExporter(builder, frame, convert_image, size, self._world_texture, depsgraph)
         self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
         self.culling = Culling(depsgraph, camera)
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
