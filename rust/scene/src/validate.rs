@@ -1,9 +1,7 @@
 use std::fmt;
 
 use crate::motion::{keys_fault, shape_fault};
-use crate::{
-    Grid, Input, Instance, Material, Mesh, Node, Projection, Scene, Shutter, Texels, Texture, World,
-};
+use crate::{Input, Instance, Material, Mesh, Node, Projection, Scene, Shutter, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -57,7 +55,7 @@ impl Scene {
             check("object", &instance.name, self.instance_fault(instance));
         }
         for set in &self.grids {
-            check("volume", &set.name, set.grids.iter().find_map(Grid::fault));
+            check("volume", &set.name, set.fault());
         }
         for material in &self.materials {
             check("material", &material.name, self.material_fault(material));
