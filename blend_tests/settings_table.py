@@ -133,8 +133,7 @@ TABLE = {
     "SunLight": LIGHT,
     "CyclesLightSettings": {READ: "is_portal max_bounces use_multiple_importance_sampling", NAMED: "is_caustics_light"},
     "Volume": {
-        READ: "filepath packed_file grids is_sequence frame_* sequence_mode render materials",
-        "of motion by velocities, which the object names": "velocity_*",
+        READ: "filepath packed_file grids is_sequence frame_* sequence_mode render materials velocity_*",
         BY_DEPSGRAPH: "animation_data",
         VIEWS: "display",
     },

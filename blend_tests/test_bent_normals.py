@@ -57,3 +57,13 @@ def test_all_spaces_of_normal_maps_are_known(scene, tmp_path):
     means, warnings = cards.means(tmp_path, samples=512)
     assert differences(means, tolerance=0.04) == {}
     assert warnings == []
+
+
+def test_sheen_whose_normal_points_away_from_the_camera_is_seen_from_the_side(scene, tmp_path):
+    add_sun(scene, 1.1)
+    cards = Cards(scene)
+    for tilt in (0.9, 1.7, 1.9):
+        bent(cards, f"Sheen {tilt}", "ShaderNodeBsdfSheen", tilt)
+    means, warnings = cards.means(tmp_path, samples=512)
+    assert differences(means, tolerance=0.04) == {}
+    assert warnings == []

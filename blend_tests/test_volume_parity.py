@@ -127,3 +127,37 @@ def test_an_object_without_material_in_both_spaces_of_density(scene, tmp_path, s
     volume.filepath, volume.render.space = str(tmp_path / "fog.vdb"), space
     add(scene, "Fog", volume).scale = (1.0, 2.0, 0.5)
     assert_equal_to_cycles(scene, tmp_path)
+
+
+def wind(scene, tmp_path, splits_axes=False, **settings):
+    """A ball of smoke in a wind that shears and grows, blurred."""
+    x, y, z = np.indices((32, 32, 32)) / 31.0 - 0.5
+    ball = np.clip(3.0 - 12.0 * np.sqrt(x * x + y * y + z * z), 0.0, 1.0)
+    speeds = np.stack([0.9 + 1.2 * y, -0.5 * x, 0.3 + 0.0 * z], axis=-1)
+    axes = {f"velocity_{axis}": speeds[..., number] for number, axis in enumerate("xyz")}
+    grids = {"density": ball} | (axes if splits_axes else {"velocity": speeds})
+    write_vdb(tmp_path / "wind.vdb", grids, 0.06, (-0.93, -0.93, -0.93))
+    set_up(scene)
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.5
+    obj = add_file(scene, tmp_path / "wind.vdb")
+    obj.data.materials[0] = smoke(4.0)[0]
+    for name, value in settings.items():
+        setattr(scene.render if name == "motion_blur_position" else obj.data, name, value)
+    return obj
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("position", ["START", "CENTER", "END"])
+def test_smoke_in_the_wind(scene, tmp_path, position):
+    wind(scene, tmp_path, motion_blur_position=position)
+    assert_equal_to_cycles(scene, tmp_path, samples=48)
+
+
+@pytest.mark.slow
+def test_wind_by_the_second_of_three_grids_in_a_turned_object_that_moves(scene, tmp_path):
+    obj = wind(scene, tmp_path, splits_axes=True, velocity_unit="SECOND", velocity_scale=30.0)
+    obj.scale, obj.rotation_euler = (1.2, 0.8, 1.0), (0.2, 0.1, 0.6)
+    obj.keyframe_insert("location", frame=0)
+    obj.location.y = 0.6
+    obj.keyframe_insert("location", frame=2)
+    assert_equal_to_cycles(scene, tmp_path)

@@ -16,6 +16,7 @@ import numpy as np
 
 from .arrays import touched
 from .node_graph import SkyGraph, TextureOf, no_texture
+from .point_images import PointImage, point_image
 from .target import from_srgb
 from .working_space import LINEAR_REC709, scene_linear_from_rec709, working_space
 
@@ -84,11 +85,13 @@ class ImageExporter:
         convert: Convert = no_convert,
         size: TextureSize = None,
         rendered: TextureOf = no_texture,
+        depsgraph: Any = None,
     ):
-        """Exports to a builder of a scene, at a frame."""
+        """Exports to a builder of a scene, at a frame. 3D images of points are those of a depsgraph."""
         self.builder = builder
         self.size = size
         self.rendered = rendered
+        self.depsgraph = depsgraph
         self.convert = convert
         self.frame = frame
         """Frame of the scene, for images of a sequence."""
@@ -128,6 +131,10 @@ class ImageExporter:
         if graph.text not in self.skies:
             self.skies[graph.text] = self.rendered(graph, node.name)
         return self.skies[graph.text]
+
+    def points(self, node: bpy.types.Node) -> PointImage:
+        """The 3D image of a node Point Density."""
+        return point_image(self.builder, node, self.depsgraph, self.size[0] if self.size else None)
 
     def missing(self, user: str) -> int:
         """Blender's magenta, for a texture node without an image file."""

@@ -45,6 +45,8 @@ class Shutter:
     """Seconds of a frame."""
     curve: list[float]
     """How far it is open, at equally spaced times."""
+    still: float
+    """Time in 0..1 of the interval at which the frame's volumes have not moved yet, as Cycles counts by the setting."""
     rolling: float | None
     """Share of the interval in which a line is exposed, where they follow each other."""
 
@@ -63,7 +65,7 @@ def shutter_of(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> Shutter | 
     if not (render.use_motion_blur and layer.use_motion_blur):
         return None
     duration = render.motion_blur_shutter
-    shift = {"START": 0.5, "END": -0.5}.get(render.motion_blur_position, 0.0) * duration
+    shift, still = {"START": (0.5, 0.0), "END": (-0.5, duration - 1.0)}.get(render.motion_blur_position, (0.0, 0.5))
     mapping = render.motion_blur_shutter_curve
     mapping.initialize()
     times = [step / (CURVE_STEPS - 1) for step in range(CURVE_STEPS)]
@@ -71,10 +73,11 @@ def shutter_of(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> Shutter | 
     cycles: Any = getattr(scene, "cycles", None)
     rolls = cycles is not None and cycles.rolling_shutter_type == "TOP"
     return Shutter(
-        center=scene.frame_current + scene.frame_subframe + shift,
+        center=scene.frame_current + scene.frame_subframe + shift * duration,
         duration=duration,
         frame_seconds=render.fps_base / render.fps,
         curve=curve if any(curve) else [1.0],
+        still=still,
         rolling=cycles.rolling_shutter_duration if rolls else None,
     )
 
@@ -134,6 +137,20 @@ def key_of(instance: bpy.types.DepsgraphObjectInstance) -> Key:
     return obj.original.session_uid, obj.type, owner_of(instance).original.session_uid, path
 
 
+Velocities = tuple[tuple[str, ...], float, float]
+"""Names of grids of velocities, one or three for the axes; the way for a velocity of 1 while the shutter is open; and
+the time at which values are where the grids have them."""
+
+
+def velocity_grids(volume: bpy.types.Volume) -> tuple[str, ...]:
+    """Names of the grids of velocities that a volume has: one, or three for the axes."""
+    present = {grid.name for grid in volume.grids}
+    if volume.velocity_grid in present:
+        return (volume.velocity_grid,)
+    names = volume.velocity_x_grid, volume.velocity_y_grid, volume.velocity_z_grid
+    return names if present.issuperset(names) else ()
+
+
 @dataclass
 class Motion:
     """Transforms and shapes at keys. Without motion blur it knows of none."""
@@ -168,6 +185,19 @@ class Motion:
         now = rows(instance.matrix_world)
         keys = [now if tick == CENTER else found.get(tick, now) for tick in self.settings[key].ticks()]
         return self._used(keys) if any(rows != now for rows in keys) else []
+
+    def of_grids(self, instance: bpy.types.DepsgraphObjectInstance) -> Velocities | None:
+        """Velocities of a volume object, whose grids are loaded; None if its values stand still."""
+        volume = instance.object.data
+        names, scale = velocity_grids(volume), volume.velocity_scale
+        if self.shutter is None or not names or scale == 0.0:
+            return None
+        if volume.velocity_unit == "SECOND":
+            if not settings_of(instance.object, owner_of(instance)).keys:
+                return None
+            scale *= self.shutter.duration * self.shutter.frame_seconds
+        self.is_used = True
+        return names, scale, self.shutter.still
 
     def of_shape(
         self,

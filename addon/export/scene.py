@@ -142,7 +142,8 @@ class _SceneExporter:
         self.render_world = render_world
         self.depsgraph = depsgraph
         self.view_layer = depsgraph.view_layer
-        self.images = ImageExporter(builder, frame, convert_image, texture_size(depsgraph.scene), self._world_texture)
+        size = texture_size(depsgraph.scene)
+        self.images = ImageExporter(builder, frame, convert_image, size, self._world_texture, depsgraph)
         self.materials = MaterialExporter(builder, self.images, surroundings_of(depsgraph, camera))
         self.culling = Culling(depsgraph, camera)
         self.linking = LightLinking(receiver_names(depsgraph.scene), builder.warn)
@@ -219,9 +220,11 @@ class _SceneExporter:
         obj = instance.object
         if not self.view_layer.use_volumes:
             return
-        export = self.volumes.of_object if obj.type == "VOLUME" else self.volumes.of_domain
-        if volume := export(obj, self._slots(obj)):
-            if self.motion.shutter is not None and has_velocity(obj):
+        is_domain, slots = obj.type != "VOLUME", self._slots(obj)
+        velocities = partial(self.motion.of_grids, instance)
+        volume = self.volumes.of_domain(obj, slots) if is_domain else self.volumes.of_object(obj, slots, velocities)
+        if volume is not None:
+            if is_domain and self.motion.shutter is not None and has_velocity(obj):
                 words = "motion by its velocities is not supported yet; it moves as a whole"
                 self.builder.warn(f"object '{obj.name}': {words}")
             settings = {"grids": volume.grids, "density_factor": density_factor(obj, instance.matrix_world)}

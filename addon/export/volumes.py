@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from mathutils import Vector
 
 from ..core.words import listed
 from .materials.graph import used_tree
+from .motion import Velocities
 
 INFO = ("color", "density", "flame", "temperature")
 """Grids behind the outputs of Volume Info."""
@@ -54,12 +55,17 @@ class VolumeExporter:
         self.known: dict[tuple, Volume | None] = {}
         """By the address of an evaluated volume, and what is asked of it."""
 
-    def of_object(self, obj: bpy.types.Object, materials: Materials) -> Volume | None:
-        """Grids that the materials of an evaluated volume object ask for; None if nothing of it can be seen."""
+    def of_object(
+        self, obj: bpy.types.Object, materials: Materials, velocities: Callable[[], Velocities | None]
+    ) -> Volume | None:
+        """Grids that the materials of an evaluated volume object ask for; None if nothing of it can be seen.
+        `velocities` tells those of its values, once its grids are loaded."""
+        obj.data.grids.load()
+        moving = velocities()
         wanted, interpolation = grids_wanted(materials), _interpolation(materials)
-        key = (obj.data.as_pointer(), tuple(wanted), interpolation)
+        key = (obj.data.as_pointer(), tuple(wanted), interpolation, moving)
         if key not in self.known:
-            self.known[key] = self._add(obj, wanted, interpolation)
+            self.known[key] = self._add(obj, wanted, {"interpolation": interpolation, "velocities": moving})
         return self.known[key]
 
     def of_domain(self, obj: bpy.types.Object, materials: Materials) -> Volume | None:
@@ -80,9 +86,8 @@ class VolumeExporter:
             return None
         return Volume(*added) if added else None
 
-    def _add(self, obj: bpy.types.Object, wanted: list[str], interpolation: str) -> Volume | None:
+    def _add(self, obj: bpy.types.Object, wanted: list[str], settings: dict[str, Any]) -> Volume | None:
         volume = obj.data
-        volume.grids.load()
         names = [grid.name for grid in volume.grids]
         if not names:
             if volume.grids.error_message:  # No grids are in order where a sequence has no file for the frame.
@@ -93,7 +98,7 @@ class VolumeExporter:
             self._leave_out(obj, f"its material asks for {asked}, and it has {listed(names)}")
             return None
         try:
-            added = self._add_saved(obj, wanted, interpolation)
+            added = self._add_saved(obj, wanted, settings)
         except (OSError, ValueError) as error:
             self._leave_out(obj, f"its grids cannot be read ({error})")
             return None
@@ -101,14 +106,14 @@ class VolumeExporter:
             self._leave_out(obj, "no voxel of its file is active and above its clipping")
         return Volume(*added) if added else None
 
-    def _add_saved(self, obj: bpy.types.Object, wanted: list[str], interpolation: str) -> tuple[int, int] | None:
+    def _add_saved(self, obj: bpy.types.Object, wanted: list[str], settings: dict[str, Any]) -> tuple[int, int] | None:
         """Blender gives voxels to files alone."""
         with tempfile.TemporaryDirectory(prefix="relume-") as folder:
             path = os.path.join(folder, "grids.vdb")
             if not obj.data.grids.save(path):
                 raise OSError("the folder for temporary files does not take them; make room there")
-            settings = {"clipping": obj.data.render.clipping, "interpolation": interpolation, "shift": SHIFT}
-            return self.builder.add_grid_file(obj.name, path, wanted, **settings)
+            clipping = obj.data.render.clipping
+            return self.builder.add_grid_file(obj.name, path, wanted, clipping=clipping, shift=SHIFT, **settings)
 
     def _leave_out(self, obj: bpy.types.Object, reason: str) -> None:
         self.builder.warn(f"object '{obj.name}': {reason}; left out")
@@ -137,12 +142,9 @@ def smoke_grid(domain: Any, name: str) -> np.ndarray | None:
 
 
 def has_velocity(obj: bpy.types.Object) -> bool:
-    """True if a volume object or smoke domain has grids of velocities, by which Cycles blurs it."""
-    if obj.type != "VOLUME":
-        domain: Any = smoke_domain(obj)
-        return len(domain.velocity_grid) > 0
-    name = obj.data.velocity_grid
-    return any(grid.name in {name, f"{name}_x", f"{name}x"} for grid in obj.data.grids)
+    """True if a smoke domain has velocities, by which Cycles blurs it."""
+    domain: Any = smoke_domain(obj)
+    return len(domain.velocity_grid) > 0
 
 
 def density_factor(obj: bpy.types.Object, matrix: Any) -> float:

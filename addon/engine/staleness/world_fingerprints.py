@@ -11,6 +11,8 @@ from ...export.images import path_of
 from ...export.materials import MaterialExporter
 from ...export.materials.graph import has_volume
 from ...export.node_graph import NodeGraph, SkyGraph
+from ...export.plain import settings_of
+from ...export.point_images import PointImage
 from ...export.view_layer import render_layer
 from ...export.world import export_world, world_of
 from ..native import native
@@ -43,6 +45,11 @@ class _WorldRecorder:
     def sky(self, node: bpy.types.Node) -> str:
         """Identifies a Sky Texture; called like the image exporter's method."""
         return SkyGraph(node).text
+
+    def points(self, node: bpy.types.Node) -> PointImage:
+        """Identifies a 3D image of points; called like the image exporter's method."""
+        settings = [settings_of(node), node.object.name_full]
+        return PointImage(repr(settings), node.resolution, node.object.matrix_world.inverted_safe())
 
     def missing(self, _owner: str) -> str:
         """Stands for an image that is not there."""

@@ -10,6 +10,7 @@ from .attribute_nodes import ATTRIBUTE_VALUES
 from .function_nodes import FUNCTION_VALUES
 from .graph import IS_INLINED, Source, convert
 from .image_nodes import IMAGE_VALUES
+from .point_density import POINT_VALUES
 from .procedural import TEXTURES
 from .surface_nodes import SURFACE_VALUES
 from .tables import color_ramp, float_curve, rgb_curves, rgb_curves_at
@@ -305,6 +306,7 @@ def _rgb_to_bw(t: Translation, source: Source) -> Any:
 
 VALUES: dict[str, TranslateValue] = {
     **IMAGE_VALUES,
+    **POINT_VALUES,
     **ATTRIBUTE_VALUES,
     **TEXTURES,
     **VECTOR_VALUES,

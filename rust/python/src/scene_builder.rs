@@ -344,7 +344,7 @@ impl PySceneBuilder {
         })
     }
 
-    #[pyo3(signature = (name, path, wanted, *, clipping=0.0, interpolation="linear", shift=0.0))]
+    #[pyo3(signature = (name, path, wanted, *, clipping=0.0, interpolation="linear", shift=0.0, velocities=None))]
     fn add_grid_file(
         &mut self,
         py: Python<'_>,
@@ -354,12 +354,17 @@ impl PySceneBuilder {
         clipping: f32,
         interpolation: &str,
         shift: f32,
+        velocities: Option<(Vec<String>, f32, f32)>,
     ) -> PyResult<Option<(usize, usize)>> {
         let interpolation = known("interpolation", interpolation)?;
         enter_native(py, || -> Result<_, NativeError> {
             let bytes = std::fs::read(&path).map_err(|error| invalid(error.to_string()))?;
             let read = scene::GridSet::from_vdb(name, &bytes, &wanted, clipping, interpolation);
-            let (mut set, refused) = read.map_err(invalid)?;
+            let (mut set, mut refused) = read.map_err(invalid)?;
+            if let Some((grids, scale, still)) = velocities {
+                let advection = scene::Advection { grids, scale, still };
+                refused.extend(set.advect(&bytes, advection).map_err(invalid)?);
+            }
             for grid in &mut set.grids {
                 grid.shift(Vec3::splat(shift));
             }
@@ -394,7 +399,7 @@ impl PySceneBuilder {
         enter_native(py, || -> Result<_, NativeError> {
             let grids = dense.iter().map(|grid| grid.to_grid(clipping).map_err(invalid));
             let grids = grids.collect::<Result<_, _>>()?;
-            let set = scene::GridSet { name: name.to_owned(), interpolation, grids };
+            let set = scene::GridSet { name: name.to_owned(), interpolation, grids, advection: None };
             Ok(self.builder.add_grids(set)?)
         })
     }

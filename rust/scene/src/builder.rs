@@ -173,7 +173,7 @@ impl SceneBuilder {
 
     /// Adds sound grids whose mesh is there already, and returns their number.
     pub fn add_grid_set(&mut self, set: GridSet) -> Result<usize, BuildError> {
-        if let Some(fault) = set.grids.iter().find_map(Grid::fault) {
+        if let Some(fault) = set.fault() {
             return Err(part("volume", &set.name, fault));
         }
         self.scene.grids.push(set);

@@ -26,6 +26,7 @@ impl Scene {
         self.instances.iter().for_each(|instance| hash_instance(&mut hasher, instance));
         for set in &self.grids {
             json(&mut hasher, &(set.interpolation, set.grids.len()));
+            set.advection.iter().for_each(|advection| json(&mut hasher, advection));
             set.grids.iter().for_each(|grid| hash_grid(&mut hasher, grid));
         }
         if let Some(volume) = self.world.volume {
@@ -256,7 +257,7 @@ mod tests {
 
     #[test]
     fn everything_that_changes_paths_changes_the_hash() {
-        let changes: [fn(&mut Scene); 27] = [
+        let changes: [fn(&mut Scene); 28] = [
             |scene| scene.meshes[0].undisplaced = Some(Undisplaced::default()),
             |scene| scene.instances[0].visible_volume_scatter = false,
             |scene| scene.instances[0].visible_shadow = false,
@@ -284,6 +285,9 @@ mod tests {
             |scene| scene.grids[0].grids[0].values[7] = 0.5,
             |scene| scene.grids[0].grids[0].name = "heat".into(),
             |scene| scene.grids[0].interpolation = GridInterpolation::Cubic,
+            |scene| {
+                scene.grids[0].advection = Some(crate::Advection { grids: vec![], scale: 1.0, still: 0.5 })
+            },
         ];
         let mut hashes: Vec<String> = vec![scene().hash()];
         for change in changes {

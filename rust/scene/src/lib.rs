@@ -54,7 +54,7 @@ pub use displacement::{Displaceable, Displacement, Undisplaced};
 pub use emission_map::{EmissionMap, Falloff, MapDomain, MapKey, PlacedMap};
 pub use geometry::Geometry;
 pub use glam;
-pub use grid::{Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet};
+pub use grid::{Advection, Bricks, DenseGrid, Grid, GridBounds, GridInterpolation, GridSet, Velocities};
 pub use hair::{HairComponent, HairModel, HairPigment, PrincipledHair};
 pub use ies::{IesBorder, IesError, IesProfile, IesSource};
 pub use light::{EmitterLinks, Light, LightRules, LightShape, LobeFactors, ReceiverSet};

@@ -445,6 +445,16 @@ impl Node {
         own.into_iter().chain(tiles.iter().map(|tile| tile.texture))
     }
 
+    /// Number of its image and of the layers in that, if it is looked up as a 3D image.
+    pub(crate) fn layers(&self) -> Option<(usize, usize)> {
+        match self {
+            Self::ImageTexture { texture, projection: ImageProjection::Layers { count, .. }, .. } => {
+                Some((*texture, *count))
+            }
+            _ => None,
+        }
+    }
+
     /// Dispersion of its glass.
     pub(crate) fn dispersion(&self) -> Option<&Dispersion> {
         match self {

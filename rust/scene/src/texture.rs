@@ -95,6 +95,13 @@ pub enum ImageProjection {
     Equirectangular,
     /// All directions as a mirroring ball shows them from the front, along y.
     MirrorBall,
+    /// The unit cube, as layers across z: the image has them one above another, the lowest z at the bottom.
+    Layers {
+        /// Number of layers.
+        count: usize,
+        /// True if places of the world are looked up, and the cube is the bounding box of the object's mesh.
+        of_object: bool,
+    },
 }
 
 impl ImageProjection {

@@ -1,9 +1,7 @@
 use std::fmt;
 
 use crate::motion::{keys_fault, shape_fault};
-use crate::{
-    Grid, Input, Instance, Material, Mesh, Node, Projection, Scene, Shutter, Texels, Texture, World,
-};
+use crate::{Input, Instance, Material, Mesh, Node, Projection, Scene, Shutter, Texels, Texture, World};
 
 /// Brightest world, light or glow of a surface: sums over many paths of one that is near the largest number are none any more.
 pub const MOST_RADIANCE: f32 = 1e30;
@@ -57,7 +55,7 @@ impl Scene {
             check("object", &instance.name, self.instance_fault(instance));
         }
         for set in &self.grids {
-            check("volume", &set.name, set.grids.iter().find_map(Grid::fault));
+            check("volume", &set.name, set.fault());
         }
         for material in &self.materials {
             check("material", &material.name, self.material_fault(material));
@@ -150,6 +148,10 @@ impl Scene {
         let is_missing = |texture: &usize| *texture >= self.textures.len();
         if let Some(texture) = material.nodes.iter().flat_map(Node::textures).find(is_missing) {
             return Some(format!("its image number {texture} does not exist"));
+        }
+        let is_cut = |(image, count): (usize, usize)| !self.textures[image].height.is_multiple_of(count);
+        if material.nodes.iter().filter_map(Node::layers).any(is_cut) {
+            return Some("the rows of its 3D image do not make up that many layers".to_owned());
         }
         if material.surface.is_some_and(|surface| surface as usize >= material.nodes.len()) {
             return Some("its surface node does not exist".to_owned());
@@ -319,6 +321,36 @@ mod tests {
         assert!(reason(|scene| scene.world.color[1] = f32::NAN).contains("not a finite number"));
         assert!(reason(|scene| scene.world.color[1] = f32::MAX).contains("lower its strength"));
         assert!(reason(|scene| scene.meshes[0].corner_normals = vec![Vec3::Z]).contains("Plane"));
+    }
+
+    #[test]
+    fn layers_have_to_make_up_an_image() {
+        let layered = |count| {
+            let mut scene = scene();
+            let (width, height) = (2, 6);
+            let texels = Texels::Float(vec![0.0; width * height * 4]);
+            let (encoding, alpha) = (crate::ColorEncoding::Linear, crate::Alpha::ChannelPacked);
+            scene.textures.push(Texture { name: "Density".into(), width, height, texels, encoding, alpha });
+            scene.materials.push(Material {
+                name: "Smoke".into(),
+                nodes: vec![Node::ImageTexture {
+                    texture: 0,
+                    tiles: Vec::new(),
+                    vector: None,
+                    interpolation: crate::Interpolation::Linear,
+                    extension: crate::Extension::Clip,
+                    projection: crate::ImageProjection::Layers { count, of_object: true },
+                }],
+                ..Material::default()
+            });
+            scene.validate()
+        };
+        assert_eq!(layered(3), Ok(()));
+        for count in [0, 4, 12] {
+            let [fault] = &layered(count).unwrap_err()[..] else { panic!("one fault") };
+            assert_eq!((fault.part, fault.name.as_str()), ("material", "Smoke"));
+            assert!(fault.reason.contains("layers"), "{fault}");
+        }
     }
 
     #[test]

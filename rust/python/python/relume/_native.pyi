@@ -130,9 +130,12 @@ class SceneBuilder:
         clipping: float = 0.0,
         interpolation: Literal["linear", "cubic"] = "linear",
         shift: float = 0.0,
+        velocities: tuple[Sequence[str], float, float] | None = None,
     ) -> tuple[int, int] | None:
         """Numbers of the wanted grids of an OpenVDB file, and of the mesh of a box around all that their active voxels
         have a part in; None if no voxel is active. Scalars that are not above `clipping` become background.
+        `velocities` names grids by which all values move, one or three for the axes, with the way for a velocity of 1
+        while the shutter is open from 0 to 1, and the time at which values are where the grids have them.
         Values lie at the whole numbers of the file's index space, shifted by voxels. Grids that cannot be read are
         named in warnings, by the object `name`; ValueError says what is wrong with the file."""
 

@@ -1,11 +1,13 @@
 //! Grids of voxels: what fills a volume, such as density and temperature.
 
+mod advection;
 mod bounds;
 mod dense;
 mod look_up;
 #[cfg(test)]
 mod tests;
 
+pub use advection::{Advection, Velocities};
 pub use bounds::GridBounds;
 pub use dense::DenseGrid;
 pub use look_up::GridInterpolation;
@@ -210,6 +212,8 @@ pub struct GridSet {
     pub interpolation: GridInterpolation,
     /// Grids; names differ.
     pub grids: Vec<Grid>,
+    /// Motion of their values; nothing if they stand still.
+    pub advection: Option<Advection>,
 }
 
 impl GridSet {
@@ -234,7 +238,23 @@ impl GridSet {
                 Err(reason) => refused.push(reason),
             }
         }
-        Ok((Self { name: name.to_owned(), interpolation, grids }, refused))
+        Ok((Self { name: name.to_owned(), interpolation, grids, advection: None }, refused))
+    }
+
+    /// Reads the grids of velocities from the file that the others are from, and moves all values by them. Those that cannot be read
+    /// are told in words; then the values stand still.
+    ///
+    /// # Errors
+    /// In words, if the file is damaged at its start.
+    pub fn advect(&mut self, bytes: &[u8], advection: Advection) -> Result<Vec<String>, String> {
+        let missing: Vec<_> =
+            advection.grids.iter().filter(|name| self.get(name).is_none()).cloned().collect();
+        // Velocities below 0 are not to be clipped.
+        let (read, refused) =
+            Self::from_vdb(&self.name, bytes, &missing, f32::NEG_INFINITY, self.interpolation)?;
+        self.grids.extend(read.grids);
+        self.advection = Some(advection).filter(|advection| advection.fault(self).is_none());
+        Ok(refused)
     }
 
     /// The grid of a name.
@@ -242,13 +262,13 @@ impl GridSet {
         self.grids.iter().find(|grid| grid.name == name)
     }
 
-    /// Lowest and highest corner, in object space, of all that active voxels have a part in; none if none is active.
+    /// Lowest and highest corner, in object space, of all that active voxels have a part in at any time; none if none is active.
     pub fn hull(&self) -> Option<[Vec3; 2]> {
-        let margin = self.interpolation.margin();
+        let (margin, reach) = (self.interpolation.margin(), self.reach());
         let corners = self.grids.iter().filter_map(|grid| grid.corners(margin)).flatten();
         corners.fold(None, |hull: Option<[Vec3; 2]>, corner| {
             let [low, high] = hull.unwrap_or([corner; 2]);
-            Some([low.min(corner), high.max(corner)])
+            Some([low.min(corner - reach), high.max(corner + reach)])
         })
     }
 }

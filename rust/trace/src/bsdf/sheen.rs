@@ -17,13 +17,12 @@ pub struct Sheen {
 }
 
 impl Sheen {
-    /// Sheen of perceptual `roughness` 0..1 seen from `wo`, and its albedo. Nothing if seen from behind.
+    /// Sheen of perceptual `roughness` 0..1 seen from `wo`, and its albedo. Nothing if that is none. A bent normal that points
+    /// away counts as seen from the side, as in Cycles.
     pub fn new(normal: Vec3, roughness: f32, wo: Vec3) -> Option<(Self, f32)> {
-        let x = normal.dot(wo);
-        if x <= 0.0 {
-            return None;
-        }
-        let x = x.min(1.0);
+        /// Least albedo.
+        const CUTOFF: f32 = 1e-5;
+        let x = normal.dot(wo).clamp(0.0, 1.0);
         // The fits hold above roughness 0.01 only.
         let y = roughness.clamp(0.01, 1.0);
         let a = (2.58126 * x + 0.813_703 * y) * y / (1.0 + 0.310_327 * x * x + 2.60994 * x * y);
@@ -35,7 +34,8 @@ impl Sheen {
             y * (0.000_654_023 + (-0.020_781_8 + 0.119_681 * y) * y) / (1.26264 + y * (-1.92021 + y));
         let distance = (x - middle) / width;
         let albedo = (-0.5 * distance * distance).exp() / (width * TAU.sqrt()) + offset;
-        Some((Self { frame: ShadingFrame::from_tangent(normal, wo), a, b }, albedo.clamp(0.0, 1.0)))
+        let sheen = Self { frame: ShadingFrame::from_tangent(normal, wo), a, b };
+        (albedo >= CUTOFF).then(|| (sheen, albedo.min(1.0)))
     }
 
     /// Density over solid angle, which is also `f |cos|` for albedo 1.
@@ -54,5 +54,19 @@ impl Sheen {
         let (x, y) = sample_disk(u);
         let z = (1.0 - u[0]).max(0.0).sqrt();
         self.frame.world(Vec3::new((x - z * self.b) / self.a, y / self.a, z).normalize_or(Vec3::Z))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_points_away_is_seen_from_the_side() {
+        let side = Sheen::new(Vec3::Z, 0.5, Vec3::X).unwrap();
+        let away = Sheen::new(Vec3::Z, 0.5, Vec3::new(0.8, 0.0, -0.6)).unwrap();
+        let wi = Vec3::new(0.6, 0.0, 0.8);
+        assert!(side.1 > 0.01 && away.1 == side.1);
+        assert!((away.0.pdf(wi) - side.0.pdf(wi)).abs() < 1e-6);
     }
 }

@@ -27,6 +27,8 @@ struct Source {
     bounds: GridBounds,
     /// Bricks of the grid from cells.
     bricks_from_cells: Affine3A,
+    /// Bricks by which values move.
+    reach: Vec3,
 }
 
 /// Bounds of a medium in an object with grids; nothing if it reads none of them.
@@ -48,12 +50,16 @@ pub(super) fn of_grids(space: &MediaSpace, medium: &Medium) -> Option<MajorantGr
     let object_from_cells = bricks_from_object.inverse()
         * Affine3A::from_translation(cells.origin.as_vec3())
         * Affine3A::from_scale(Vec3::splat(edge as f32));
-    let source = |(name, grid): (usize, &Grid)| Source {
-        name,
-        bounds: grid.bounds(),
-        bricks_from_cells: Affine3A::from_scale(Vec3::splat(1.0 / BRICK))
-            * grid.object_from_index.inverse()
-            * object_from_cells,
+    let reach = instance.grids.map_or(Vec3::ZERO, |set| space.scene.grids[set].reach());
+    let source = |(name, grid): (usize, &Grid)| {
+        let bricks_from_object =
+            Affine3A::from_scale(Vec3::splat(1.0 / BRICK)) * grid.object_from_index.inverse();
+        Source {
+            name,
+            bounds: grid.bounds(),
+            bricks_from_cells: bricks_from_object * object_from_cells,
+            reach: bricks_from_object.matrix3.abs() * reach,
+        }
     };
     let sources: Vec<Source> = found.into_iter().map(source).collect();
     let local_from_world =
@@ -160,8 +166,8 @@ impl Source {
             let corner = self.bricks_from_cells.transform_point3(cell + step);
             (low, high) = (low.min(corner), high.max(corner));
         }
-        let first = (low + SLACK).floor().as_ivec3();
-        let last = (high - SLACK).floor().as_ivec3().max(first);
+        let first = (low - self.reach + SLACK).floor().as_ivec3();
+        let last = (high + self.reach - SLACK).floor().as_ivec3().max(first);
         let mut range = [f32::INFINITY, f32::NEG_INFINITY];
         for x in first.x..=last.x {
             for y in first.y..=last.y {

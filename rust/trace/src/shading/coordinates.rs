@@ -39,7 +39,18 @@ pub fn generated(context: &ShadingContext) -> Vec3 {
     let position = context
         .rest_position()
         .unwrap_or_else(|| context.prepared.object_position(point.instance, point.time, point.position));
-    let Some((min, size)) = context.prepared.bounds(point.geometry) else { return position };
+    within_bounds(context, position)
+}
+
+/// A place of the world in 0..1 of the bounding box of the mesh that is shaded, wherever on it.
+pub fn generated_at(context: &ShadingContext, position: Vec3) -> Vec3 {
+    let point = context.point;
+    within_bounds(context, context.prepared.object_position(point.instance, point.time, position))
+}
+
+/// A place of object space in 0..1 of the mesh's bounding box, as it is without a mesh.
+fn within_bounds(context: &ShadingContext, position: Vec3) -> Vec3 {
+    let Some((min, size)) = context.prepared.bounds(context.point.geometry) else { return position };
     let relative = position - min;
     Vec3::select(size.cmpgt(Vec3::ZERO), relative / size, Vec3::splat(0.5))
 }

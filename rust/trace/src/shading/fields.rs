@@ -1,13 +1,15 @@
 //! Grids of volumes, found by the names under which shaders ask for them.
 
 use glam::{Affine3A, Vec3, Vec4};
-use relume_scene::{Grid, GridSet, Scene};
+use relume_scene::{Grid, GridSet, Scene, Velocities};
 
 /// Grids of all volumes of a scene.
 #[derive(Debug)]
 pub(super) struct PreparedFields {
     /// Those of each set, by name numbers.
     sets: Vec<Vec<Option<Field>>>,
+    /// Velocities of each set whose values move.
+    velocities: Vec<Option<Velocities>>,
 }
 
 /// A grid of a set.
@@ -25,7 +27,10 @@ impl PreparedFields {
             Some(Field { number, index_from_object: set.grids[number].object_from_index.inverse() })
         };
         let of_set = |set: &GridSet| names.iter().map(|name| field(set, name)).collect();
-        Self { sets: scene.grids.iter().map(of_set).collect() }
+        Self {
+            sets: scene.grids.iter().map(of_set).collect(),
+            velocities: scene.grids.iter().map(GridSet::velocities).collect(),
+        }
     }
 
     /// Value of a grid at a position in object space, a scalar in red, green and blue; nothing if the set has none of that name.
@@ -34,6 +39,11 @@ impl PreparedFields {
         let set = &scene.grids[set];
         let position = field.index_from_object.transform_point3(position);
         Some(set.grids[field.number].value(position, set.interpolation).extend(1.0))
+    }
+
+    /// Velocities of the values of a set; nothing if they stand still.
+    pub fn velocities(&self, set: usize) -> Option<&Velocities> {
+        self.velocities[set].as_ref()
     }
 
     /// The grid of a name in a set.

@@ -5,6 +5,7 @@ use std::f32::consts::{FRAC_1_PI, TAU};
 use glam::{Vec2, Vec3, Vec4};
 use relume_scene::{Extension, ImageProjection, Interpolation, Tile};
 
+use super::coordinates::generated_at;
 use super::evaluate::ShadingContext;
 use super::texture::equirectangular;
 
@@ -38,6 +39,17 @@ impl Image<'_> {
                 self.at(context, equirectangular(at.normalize_or_zero()).into())
             }
             ImageProjection::MirrorBall => self.at(context, on_mirror_ball(at.normalize_or_zero())),
+            ImageProjection::Layers { count, of_object } => {
+                let at = if of_object { generated_at(context, at) } else { at };
+                let image = &context.scene.textures[self.texture];
+                context.prepared.textures[self.texture].sample_layers(
+                    image,
+                    at.to_array(),
+                    count,
+                    self.interpolation,
+                    self.extension,
+                )
+            }
             ImageProjection::Box { blend } => {
                 let normal = context.prepared.object_normal(
                     context.point.instance,

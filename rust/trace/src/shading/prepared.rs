@@ -237,11 +237,25 @@ impl PreparedMaterials {
     ) {
         let graph = &self.graphs[material];
         let Some(root) = graph.volume else { return };
-        let point = point.without_surface(scene);
+        let position = self.before_moving(scene, (point.instance, point.time), point.position);
+        let point = MediumPoint { position, ..*point }.without_surface(scene);
         let context = ShadingContext { prepared: self, scene, graph, point: &point, assumed, probes: None };
         values.resize(2 * graph.nodes.len(), Vec4::ZERO);
         let (own, scratch) = values.split_at_mut(graph.nodes.len());
         shade_medium(&context, root, context.instance().density_factor, own, scratch, medium);
+    }
+
+    /// World-space position where grids have what velocities have brought to `position`.
+    fn before_moving(&self, scene: &Scene, (instance, time): (u32, f32), position: Vec3) -> Vec3 {
+        let placed = scene.instances.get(instance as usize);
+        let moving = placed.and_then(|placed| {
+            let set = placed.grids?;
+            Some((placed, &scene.grids[set], self.fields.velocities(set)?))
+        });
+        let Some((placed, set, velocities)) = moving else { return position };
+        let in_object = self.object_from_world(instance, time).transform_point3(position);
+        let source = velocities.source(set, in_object, time);
+        placed.world_from_object_at(time).transform_point3(source)
     }
 
     /// Wavelength of a path in nm for a number in 0..1; nothing where all paths are white.

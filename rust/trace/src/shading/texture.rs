@@ -46,12 +46,8 @@ impl PreparedTexture {
         extension: Extension,
         straight: bool,
     ) -> Vec4 {
-        let texels = match (&self.associated, &texture.texels) {
-            (Some(bytes), _) => TexelGrid::Byte(bytes),
-            (None, Texels::Byte(bytes)) => TexelGrid::Byte(bytes),
-            (None, Texels::Float(floats)) => TexelGrid::Float(floats),
-        };
-        let image = TextureImage { texels, width: texture.width, height: texture.height, extension };
+        let (width, height) = (texture.width, texture.height);
+        let image = TextureImage { texels: self.texels(texture), width, height, extension, first: 0 };
         let mut value = image.filter(uv, interpolation);
         if straight && value.w != 0.0 && value.w != 1.0 && self.is_associated(texture) {
             value = (value.truncate() / value.w).extend(value.w);
@@ -63,6 +59,33 @@ impl PreparedTexture {
             value.w = 1.0;
         }
         value
+    }
+
+    /// Values of a 3D image of data at a place of the unit cube, whose layers across z lie one above another.
+    pub fn sample_layers(
+        &self,
+        texture: &Texture,
+        [x, y, z]: [f32; 3],
+        count: usize,
+        interpolation: Interpolation,
+        extension: Extension,
+    ) -> Vec4 {
+        let (width, height) = (texture.width, texture.height / count);
+        let image = TextureImage { texels: self.texels(texture), width, height, extension, first: 0 };
+        let weighted = |(layer, weight): (Option<usize>, f32)| {
+            let Some(layer) = layer.filter(|_| weight > 0.0) else { return Vec4::ZERO };
+            let image = TextureImage { first: layer * width * height, ..image };
+            image.filter([x, y], interpolation) * weight
+        };
+        image.weights(z, count, interpolation).into_iter().map(weighted).sum()
+    }
+
+    fn texels<'a>(&'a self, texture: &'a Texture) -> TexelGrid<'a> {
+        match (&self.associated, &texture.texels) {
+            (Some(bytes), _) => TexelGrid::Byte(bytes),
+            (None, Texels::Byte(bytes)) => TexelGrid::Byte(bytes),
+            (None, Texels::Float(floats)) => TexelGrid::Float(floats),
+        }
     }
 }
 
@@ -98,9 +121,23 @@ struct TextureImage<'a> {
     width: usize,
     height: usize,
     extension: Extension,
+    /// Place of its first texel in the grid, counted in texels.
+    first: usize,
 }
 
 impl TextureImage<'_> {
+    /// Places among `count` along an axis that have a part in the value at `u`, and their weights. What lies outside is nothing.
+    fn weights(&self, u: f32, count: usize, interpolation: Interpolation) -> [(Option<usize>, f32); 4] {
+        let at = self.reduce(u) * count as f32;
+        let (middle, fraction) = cell(if interpolation == Interpolation::Closest { at } else { at - 0.5 });
+        let weights = match interpolation {
+            Interpolation::Closest => [0.0, 1.0, 0.0, 0.0],
+            Interpolation::Linear => [0.0, 1.0 - fraction, fraction, 0.0],
+            Interpolation::Cubic => cubic_weights(fraction),
+        };
+        [-1, 0, 1, 2].map(|step| (self.wrap(middle + step, count), weights[(step + 1) as usize]))
+    }
+
     fn filter(&self, uv: [f32; 2], interpolation: Interpolation) -> Vec4 {
         let x = self.reduce(uv[0]) * self.width as f32;
         let y = self.reduce(uv[1]) * self.height as f32;
@@ -169,7 +206,7 @@ impl TextureImage<'_> {
     /// The texel at a place inside the image; nothing is transparent black.
     fn texel(&self, x: Option<usize>, y: Option<usize>) -> Vec4 {
         let (Some(x), Some(y)) = (x, y) else { return Vec4::ZERO };
-        let index = 4 * (y * self.width + x);
+        let index = 4 * (self.first + y * self.width + x);
         match self.texels {
             TexelGrid::Byte(bytes) => {
                 let texel = &bytes[index..index + 4];
@@ -262,6 +299,36 @@ mod tests {
         for u in [f32::NAN, f32::INFINITY, -1e30] {
             assert!(sample(&texture, [u, u], Interpolation::Linear, Extension::Repeat).is_finite());
         }
+    }
+
+    /// 3 x 4 x 5 values; linear functions stay what they are between places of any filter that is symmetric.
+    #[test]
+    fn layers_are_filtered_along_three_axes() {
+        let size = [3, 4, 5];
+        let function = |[x, y, z]: [f32; 3]| 1.0 + x - 2.0 * y + 3.0 * z;
+        let place = |n: usize| [n % 3, n / 3 % 4, n / 12].map(|place| place as f32);
+        let texels = (0..60).flat_map(|n| [function(place(n)), 0.0, 0.0, 1.0]).collect();
+        let texture = Texture {
+            name: "test".into(),
+            width: size[0],
+            height: size[1] * size[2],
+            texels: Texels::Float(texels),
+            encoding: ColorEncoding::Linear,
+            alpha: Alpha::ChannelPacked,
+        };
+        let at = |place: [f32; 3], interpolation| {
+            let unit = std::array::from_fn(|axis| (place[axis] + 0.5) / size[axis] as f32);
+            PreparedTexture::new(&texture).sample_layers(&texture, unit, 5, interpolation, Extension::Clip)
+        };
+        let inside = [1.0, 1.3, 2.4];
+        assert!((at(inside, Interpolation::Linear).x - function(inside)).abs() < 1e-5);
+        assert!((at(inside, Interpolation::Closest).x - function([1.0, 1.0, 2.0])).abs() < 1e-5);
+        assert!((at(inside, Interpolation::Cubic).x - function(inside)).abs() < 1e-5);
+        // Half of it lies outside: the first row of the next layer is no part of this one.
+        assert!((at([1.0, 3.5, 2.0], Interpolation::Linear).w - 0.5).abs() < 1e-5);
+        assert!((at([1.0, 2.0, 4.5], Interpolation::Linear).w - 0.5).abs() < 1e-5);
+        assert_eq!(at([1.0, 2.0, 4.6], Interpolation::Closest), Vec4::ZERO);
+        assert_eq!(at([f32::NAN, f32::INFINITY, -1e30], Interpolation::Linear), Vec4::ZERO);
     }
 
     #[test]

@@ -35,7 +35,8 @@ use crate::files::names::VIEW_FILE;
 use relume_image::write_atomically;
 use relume_scene::glam::{Affine3A, IVec3, Vec3};
 use relume_scene::{
-    Alpha, Bricks, Camera, ColorEncoding, GridInterpolation, Instance, Light, Scene, StrandShape, World,
+    Advection, Alpha, Bricks, Camera, ColorEncoding, GridInterpolation, Instance, Light, Scene, StrandShape,
+    World,
 };
 use relume_trace::TraceSettings;
 use serde::{Deserialize, Serialize};
@@ -149,6 +150,8 @@ struct TextureParts {
 struct GridSetParts {
     name: String,
     interpolation: GridInterpolation,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    advection: Option<Advection>,
     grids: Vec<GridParts>,
 }
 

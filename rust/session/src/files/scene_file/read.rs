@@ -190,8 +190,9 @@ impl Arrays<'_> {
             let values = self.rows(&tensor("values"), Dtype::F32, &[channels])?;
             Ok(Grid { name, channels, object_from_index, bricks, active, slots, values })
         };
-        let grids = parts.grids.into_iter().enumerate().map(grid).collect::<Result<_, _>>()?;
-        Ok(GridSet { name: parts.name, interpolation: parts.interpolation, grids })
+        let GridSetParts { name, interpolation, advection, grids } = parts;
+        let grids = grids.into_iter().enumerate().map(grid).collect::<Result<_, _>>()?;
+        Ok(GridSet { name, interpolation, grids, advection })
     }
 
     fn view(&self) -> Result<Option<Vec<u8>>, String> {

@@ -40,10 +40,12 @@ fn scene() -> Scene {
         values: &[0.25; 12],
         object_from_index: Affine3A::from_scale(Vec3::splat(0.1)),
     };
+    let wind = DenseGrid { name: "wind", channels: 3, values: &[0.5; 36], ..smoke };
     let smoke = GridSet {
         name: "Smoke".into(),
         interpolation: GridInterpolation::Cubic,
-        grids: vec![smoke.to_grid(0.0).unwrap()],
+        grids: vec![smoke.to_grid(0.0).unwrap(), wind.to_grid(0.0).unwrap()],
+        advection: Some(Advection { grids: vec!["wind".into()], scale: 2.0, still: 0.5 }),
     };
     let (grids, hull) = builder.add_grids(smoke).unwrap().unwrap();
     let world_from_object = Affine3A::from_rotation_z(0.3) * Affine3A::from_translation(Vec3::Y);

@@ -128,6 +128,7 @@ fn grid_set_parts(set: &GridSet) -> GridSetParts {
     GridSetParts {
         name: set.name.clone(),
         interpolation: set.interpolation,
+        advection: set.advection.clone(),
         grids: set.grids.iter().map(parts).collect(),
     }
 }
