@@ -18,26 +18,22 @@ import bpy
 from ...core.diff import Fingerprint
 from ...export import trace_settings
 from ...export.camera import UnsupportedCameraError, camera_json, film_size
-from ...export.culling import SWITCHES, culling_settings
+from ...export.culling import culling_settings
 from ...export.current_shot import current_size
-from ...export.curves import hides_hair, strand_shape
+from ...export.curves import strand_shape
 from ...export.dicing import dicing_camera, dicing_settings
 from ...export.images import frame_of, path_of, texture_size, tile_path
-from ...export.instancers import node_inputs, objects_in
+from ...export.instancers import objects_in
 from ...export.lights import rules_of_lights
-from ...export.linking import link_states
 from ...export.materials import bump_shadowing, sampling_settings
 from ...export.materials.graph import used_tree
-from ...export.motion import motion_settings
-from ...export.object_attributes import find_rgba
-from ...export.plain import plain
-from ...export.scene import occlusion_distance, shadow_terminator
 from ...export.view_layer import render_layer
 from ...export.working_space import working_space
 from ...export.world import world_of
-from .dependencies import dependencies_of, image_nodes, may_instance, nodes_in
+from .dependencies import dependencies_of, image_nodes, may_instance
 from .motion_fingerprints import motion
-from .node_fingerprints import drawn_curves, group, hashed, ramp, tree, values
+from .node_fingerprints import group, hashed, ramp, tree, values
+from .object_fingerprints import matrix_text, object_fingerprint
 from .shape_fingerprints import DATA, shape
 from .volume_fingerprints import smoke, stamp, volume
 from .world_fingerprints import space, world
@@ -118,7 +114,7 @@ def iter_fingerprints(scene: bpy.types.Scene) -> Iterator[tuple[str, Fingerprint
         reached.add(block.session_uid)
         if isinstance(block, bpy.types.Object):
             kind = "object" if block.session_uid in objects else "helper"
-            yield f"{kind} {block.name_full}", partial(in_one_step, _object, block)
+            yield f"{kind} {block.name_full}", partial(in_one_step, object_fingerprint, block)
             if kind == "helper" and block.instance_collection is not None:
                 todo.append(block.instance_collection)
         elif isinstance(block, DATA):
@@ -189,7 +185,7 @@ def fingerprint(scene: bpy.types.Scene, key: str) -> Steps:
         return in_one_step(ONE_OF_A_KIND[kind], scene)
     if kind in {"object", "helper"}:
         obj = _object_of(scene, kind, name)
-        return in_one_step(_object, obj) if obj is not None else _nothing()
+        return in_one_step(object_fingerprint, obj) if obj is not None else _nothing()
     places = [getattr(bpy.data, place) for place in (SHAPES if kind == "data" else [BLOCKS[kind].place])]
     block = next((block for place in places if (block := _by_full_name(place, name)) is not None), None)
     if block is None:
@@ -235,88 +231,6 @@ def _all_of(steps: Steps) -> Fingerprint | None:
             next(steps)
         except StopIteration as end:
             return end.value
-
-
-def _matrix(matrix: Any) -> str:
-    """Exact to six digits: evaluating a file again may differ by a rounding."""
-    return hashed([f"{value:.6g}" for row in matrix for value in row])
-
-
-def _object(obj: bpy.types.Object) -> Fingerprint:
-    visible = ("camera", "diffuse", "glossy", "transmission", "shadow")
-    found = {
-        "place": _matrix(obj.matrix_world),
-        "visibility": hashed([getattr(obj, f"visible_{name}") for name in visible]),
-        "shading": hashed([*obj.color, obj.pass_index, *shadow_terminator(obj)]),
-    }
-    if not obj.visible_volume_scatter:
-        found["scatter"] = "hidden"
-    if not getattr(obj, "visible_raycast", True):  # From Blender 5.3 on.
-        found["raycast"] = "hidden"
-    if obj.is_holdout:
-        found["holdout"] = "on"
-    if obj.is_shadow_catcher and obj.type != "LIGHT":
-        found["catcher"] = "on"
-    if distance := occlusion_distance(obj):
-        found["occlusion"] = f"{distance:.6g}"
-    if (cycles := getattr(obj, "cycles", None)) and any(getattr(cycles, switch, False) for switch in SWITCHES):
-        found["culling"] = hashed([getattr(cycles, switch) for switch in SWITCHES])
-    if linked := _linked(obj):
-        found["linking"] = hashed(linked)
-    if asked := _asked_of(obj):
-        found["attributes"] = hashed(asked)
-    if obj.data is not None:
-        found["data"] = obj.data.name_full
-    elif obj.instance_collection is not None:
-        found["data"] = obj.instance_collection.name_full
-    if obj.material_slots:
-        found["materials"] = hashed([slot.material.name_full if slot.material else "" for slot in obj.material_slots])
-    if obj.modifiers:
-        found["modifiers"] = hashed([_modifier(modifier) for modifier in obj.modifiers])
-        found["details"] = hashed([_modifier_details(modifier) for modifier in obj.modifiers])
-    if (dicing := getattr(obj, "cycles", None)) is not None and getattr(dicing, "use_adaptive_subdivision", False):
-        found["subdivision"] = f"{dicing.dicing_rate:.6g}"  # Until Blender 4.5; then the modifier's.
-    if (settings := motion_settings(obj)) is not None:
-        found["motion"] = hashed(settings)
-    if obj.pose:
-        found["pose"] = hashed([_matrix(bone.matrix) for bone in obj.pose.bones])
-    return found
-
-
-def _linked(obj: bpy.types.Object) -> list:
-    """Members of the collections that an object shines on, and that block its light; those of lights are read anew for
-    each picture."""
-    linking = getattr(obj, "light_linking", None)
-    if linking is None or obj.type == "LIGHT":
-        return []
-    collections = [linking.receiver_collection, linking.blocker_collection]
-    return [sorted(link_states(each).items()) if each else None for each in collections] if any(collections) else []
-
-
-def _asked_of(obj: bpy.types.Object) -> list:
-    """Custom properties that an object's materials may ask it, its data or what it instances for. Costs next to nothing
-    where there are none."""
-    owners = [owner for owner in (obj, obj.data) if owner is not None and len(owner.keys())]
-    names = {
-        node.attribute_name
-        for material in (bpy.data.materials if owners else ())
-        for node in nodes_in(used_tree(material))
-        if getattr(node, "attribute_type", "") in {"OBJECT", "INSTANCER"}
-    }
-    return [(name, find_rgba(owner, name)) for owner in owners for name in sorted(names) if name in owner.keys()]
-
-
-def _modifier(modifier: bpy.types.Modifier) -> list:
-    inputs = [(name, plain(value)) for name, value in node_inputs(modifier)] if modifier.type == "NODES" else []
-    return [modifier.type, modifier.show_render, values(modifier), inputs]
-
-
-def _modifier_details(modifier: bpy.types.Modifier) -> list:
-    domain = getattr(modifier, "domain_settings", None)
-    projectors = [projector.object and projector.object.name_full for projector in getattr(modifier, "projectors", ())]
-    system = values(modifier.particle_system) if modifier.type == "PARTICLE_SYSTEM" else []
-    hidden = [True] if modifier.type == "PARTICLE_SYSTEM" and hides_hair(modifier.id_data) else []
-    return [drawn_curves(modifier), projectors, system, *([values(domain)] if domain else []), *hidden]
 
 
 def _material(material: bpy.types.Material) -> Fingerprint:
@@ -396,7 +310,7 @@ def _camera_fingerprint(scene: bpy.types.Scene, camera: bpy.types.Object) -> Fin
     except UnsupportedCameraError as error:
         lens = {"world_from_object": [], "unsupported": str(error)}
     lens.pop("name", None)  # The same camera may be renamed.
-    return {"name": camera.name_full, "place": _matrix(lens.pop("world_from_object")), "lens": hashed(lens)}
+    return {"name": camera.name_full, "place": matrix_text(lens.pop("world_from_object")), "lens": hashed(lens)}
 
 
 def _film(scene: bpy.types.Scene) -> Fingerprint:
