@@ -45,7 +45,7 @@ impl RenderThread {
                 continue;
             }
             self.turn = None;
-            self.turn = self.seat.turn(Stage::Refine, &stop);
+            self.turn = self.seat.turn(Stage::Refine, stop);
             if self.turn.is_none() || !gathered.denoise(denoise, quality, Some(&stop))? {
                 return Ok(false);
             }
