@@ -9,7 +9,7 @@ const DRAG_PAUSE: Duration = Duration::from_millis(250);
 /// Time after which who waits looks again whether it was closed, or a drag is over.
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
-/// What a picture is made for.
+/// Purpose of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stage {
     /// A light is dragged.
@@ -42,7 +42,7 @@ struct BoardState {
     active: Option<u64>,
     /// Those that wait, the one that has waited longest first.
     waiting: Vec<Waiting>,
-    /// What the picture that is being made is for.
+    /// Purpose of the picture that is being made.
     taken: Option<Stage>,
     drag: Option<Drag>,
 }

@@ -16,7 +16,7 @@ pub(crate) enum DiffusePart {
     Closures(Box<[Closure]>),
 }
 
-/// What else reflection depends on, besides closures and the normals of both sides.
+/// Values that reflection depends on, besides closures and the normals of both sides.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Viewpoint {
     /// Unit direction back along the path.
@@ -69,7 +69,7 @@ impl Surface {
         })
     }
 
-    /// What its reflection depends on.
+    /// Values that its reflection depends on.
     pub(crate) fn viewpoint(&self) -> Viewpoint {
         Viewpoint { wo: self.wo(), terminator: self.terminator }
     }

@@ -1,4 +1,4 @@
-//! What is done once a picture is there.
+//! Work at rest, once a picture is there.
 
 use super::super::board::Stage;
 use super::super::shared::{LiveState, State};
