@@ -230,18 +230,23 @@ def test_a_view_draws_the_picture_of_its_own_camera(three):
     assert what.title.startswith("Left")
 
 
-def test_three_real_shots_follow_one_light_and_each_is_its_relight(studio, looks, tmp_path):
-    cameras = add_cameras(studio)
-    for entry, camera in zip(studio.relume_shots.items, cameras, strict=True):
-        studio.camera = camera
+def bake_three(scene):
+    """Cameras of three shots with bakes, of which the first is open."""
+    cameras = add_cameras(scene)
+    for entry, camera in zip(scene.relume_shots.items, cameras, strict=True):
+        scene.camera = camera
         update()
-        folder = options_of(studio, entry).folder
-        relume.bake(load_scene(studio), folder, trace_settings(studio, lambda _: None) | {"samples": 16}).wait()
-        remember_bake(studio, folder, entry.key)
-    studio.camera = cameras[0]
+        folder = options_of(scene, entry).folder
+        relume.bake(load_scene(scene), folder, trace_settings(scene, lambda _: None) | {"samples": 16}).wait()
+        remember_bake(scene, folder, entry.key)
+    scene.camera = cameras[0]
     update()
-    show_bake(studio)
-    looks(*cameras)
+    show_bake(scene)
+    return cameras
+
+
+def test_three_real_shots_follow_one_light_and_each_is_its_relight(studio, looks):
+    looks(*bake_three(studio))
     until(studio, lambda _: len(shot.all_open()) == 3, "three shots")
     lamp = bpy.data.objects["Key"]
     for _ in range(5):

@@ -37,9 +37,9 @@ def asked(monkeypatch):
     """Requests and folders that the solver was given."""
     given, real = [], solve.start
 
-    def kept(found, request, images, folder=None):
-        given.append((request, folder))
-        return real(found, request, images, folder)
+    def kept(found, request, images, folders):
+        given.append((request, *folders))
+        return real(found, request, images, folders)
 
     monkeypatch.setattr(solve, "start", kept)
     return given
@@ -53,7 +53,7 @@ def notes(scene):
 def test_it_is_solved_on_with_paths_that_look_for_it(shown, asked):
     assert bpy.ops.relume.solve() == {"FINISHED"}
     (first, own), (second, folder) = asked
-    assert own is None and "from" not in first and first["steps"] > 0
+    assert own == shot.of(shown).folder and "from" not in first and first["steps"] > 0
     assert (second["steps"], second["from"]["changed"]) == (0, ["Key"])
     assert folder.parent == shot.of(shown).folder and not folder.exists()
     assert any("Rebake traces paths that look there" in note for note in notes(shown))

@@ -217,7 +217,7 @@ def test_strokes_and_rectangles_are_drawn_where_they_are(scene, gpu_started):
         gpu.matrix.load_matrix(Matrix.Translation((-1, -1, 0)) @ Matrix.Diagonal((2 / width, 2 / height, 1, 1)))
         gpu.matrix.load_projection_matrix(Matrix.Identity(4))
         rectangle = (meaning(KEEP), (0.1, 0.1, 0.3, 0.3))
-        drawing.draw(scene, frame, (stroke(points=((0.75, 0.75, 1.0),)),), [rectangle])
+        drawing.draw(frame, (stroke(points=((0.75, 0.75, 1.0),)),), [rectangle])
         pixels = np.array(buffer.read_color(0, 0, width, height, 4, 0, "FLOAT").to_list())
     target.free()
     drawing.free()

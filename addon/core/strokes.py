@@ -87,6 +87,8 @@ class Stroke:
     """Weight of the stroke, 0 to 1."""
     points: tuple[Point, ...]
     """x, y and pressure (0 to 1, a factor on the radius)."""
+    shot: str = ""
+    """Key of the listed shot that it is painted in; empty where there is no list."""
 
     def region(self) -> dict[str, Any]:
         """Stroke of a request."""
@@ -160,7 +162,9 @@ def _stroke(entry: Any, number: int) -> Stroke:
     radius = checked("radius", lambda value: _is_within(value, 1e-4, 10.0))
     strength = checked("strength", lambda value: _is_within(value, 0.0, 1.0))
     points = checked("points", lambda value: isinstance(value, list) and value and all(map(_is_point, value)))
-    return Stroke(meaning(goal, amount, color), radius, strength, tuple((x, y, pressure) for x, y, pressure in points))
+    shot = checked("shot", lambda value: value is None or isinstance(value, str)) or ""
+    places = tuple((x, y, pressure) for x, y, pressure in points)
+    return Stroke(meaning(goal, amount, color), radius, strength, places, shot)
 
 
 def _is_point(value: Any) -> bool:

@@ -24,8 +24,9 @@ WIDEST = 4.0
 
 _live: tuple[int, Stroke] | None = None
 """The movement that is being made, and its scene."""
-_texture: tuple[Any, Any] | None = None
-"""Key and texture of the strokes on the graphics card."""
+MOST_TEXTURES = 16
+_textures: dict[Any, Any] = {}
+"""Strokes on the graphics card, by themselves and the size of their picture."""
 
 
 def set_live(scene: bpy.types.Scene, stroke: Stroke | None) -> None:
@@ -39,6 +40,11 @@ def is_painting(scene: bpy.types.Scene) -> bool:
     return _live is not None and _live[0] == scene.session_uid
 
 
+def live_stroke(scene: bpy.types.Scene) -> tuple[Stroke, ...]:
+    """The movement that is being made in a scene, if there is one."""
+    return (_live[1],) if _live is not None and is_painting(scene) else ()
+
+
 def place_of(frame: Rectangle, x: float, y: float) -> tuple[float, float]:
     """Fractions of the picture, from its top left corner, of a pixel of the region."""
     place = (x - frame.left) / frame.width, (frame.top - y) / frame.height
@@ -46,14 +52,11 @@ def place_of(frame: Rectangle, x: float, y: float) -> tuple[float, float]:
 
 
 def draw(
-    scene: bpy.types.Scene,
     frame: Rectangle,
     strokes: tuple[Stroke, ...],
     rectangles: Iterable[tuple[Meaning, tuple[float, float, float, float]]],
 ) -> None:
     """Draws into the region of a 3D view, which is bound."""
-    if _live is not None and is_painting(scene):
-        strokes = (*strokes, _live[1])
     blend = gpu.state.blend_get()
     if strokes:
         gpu.state.blend_set("ALPHA_PREMULT")
@@ -75,29 +78,39 @@ def draw_brush(place: tuple[float, float], radius: float, meaning: Meaning, scal
     gpu.state.blend_set(blend)
 
 
-def frame_in(context: bpy.types.Context) -> Rectangle | None:
-    """The camera's frame in a 3D view that looks through the scene's camera."""
+def camera_in(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The camera of a 3D view, whether that looks through it or not."""
     if context.space_data is None or context.space_data.type != "VIEW_3D" or context.region_data is None:
         return None
-    camera = camera_frame.camera_of(context.scene, context.space_data)
-    if camera != context.scene.camera:
-        return None
-    return camera_frame.frame_of(context.scene, camera, context.region, context.region_data)
+    return camera_frame.camera_of(context.scene, context.space_data)
+
+
+def frame_in(context: bpy.types.Context) -> Rectangle | None:
+    """The camera's frame in a 3D view that looks through its camera."""
+    camera = camera_in(context)
+    return None if camera is None else camera_frame.frame_of(context.scene, camera, context.region, context.region_data)
+
+
+def current_frame_in(context: bpy.types.Context) -> Rectangle | None:
+    """The camera's frame in a 3D view that looks through the scene's camera."""
+    return frame_in(context) if camera_in(context) == context.scene.camera else None
 
 
 def free() -> None:
     """Lets go of everything."""
-    global _live, _texture
-    _live = _texture = None
+    global _live
+    _live = None
+    _textures.clear()
 
 
 def _picture(strokes: tuple[Stroke, ...], frame: Rectangle) -> Any:
     """The strokes on the graphics card; made anew when they are other ones."""
-    global _texture
     size = (round(HEIGHT * min(frame.width / frame.height, WIDEST)), HEIGHT)
-    if _texture is None or _texture[0] != (strokes, size):
-        _texture = (strokes, size), _texture_of(strokes, size)
-    return _texture[1]
+    if (strokes, size) not in _textures:
+        while len(_textures) >= MOST_TEXTURES:
+            del _textures[next(iter(_textures))]
+        _textures[strokes, size] = _texture_of(strokes, size)
+    return _textures[strokes, size]
 
 
 def _texture_of(strokes: tuple[Stroke, ...], size: tuple[int, int]) -> Any:

@@ -13,13 +13,13 @@ from ..native import NativeModuleError, native
 from ..shot.shot import Shot
 
 
-def start(shot: Shot, request: dict[str, Any], images: dict[str, np.ndarray], folder: Path | None = None) -> Any:
-    """A `relume.Job` whose result is the solver's answer, by the shot's bake or one of the same shot in another folder.
-    Raises SolveError with one line for the artist."""
+def start(shot: Shot, request: dict[str, Any], images: dict[str, np.ndarray], folders: list[Path]) -> Any:
+    """A `relume.Job` whose result is the solver's answer, by the bakes of its views. Raises SolveError with one line
+    for the artist."""
     options = shot.options
     compute = {"device": options.device, "gpu_memory": options.gpu_memory, "threads": options.threads}
     try:
-        return native().solve([str(folder or shot.folder)], json.dumps(request), images, **compute)
+        return native().solve(list(map(str, folders)), json.dumps(request), images, **compute)
     except (NativeModuleError, RuntimeError, ValueError) as error:
         raise SolveError(one_line(error)) from error
 

@@ -29,6 +29,7 @@ from ..shot import shot as shots
 from ..workers.pictures import Reading
 from . import handle, new_paths, region_masks, target_image
 from .request import TARGET, inputs_of
+from .stroke_shots import views_of
 
 PREVIEW_SECONDS = 0.4
 """Seconds between previews: the picture needs the processor as well."""
@@ -86,7 +87,8 @@ class Solving:
         inputs = inputs_of(scene, content)
         self.notes = inputs.notes
         self._hooks, self._content = hooks, content
-        self._options, self._strokes = inputs.options, inputs.strokes
+        self._options = inputs.options
+        self.views = views_of(scene, shot, inputs.strokes)
         self._size = target_image.picture_size(scene)
         self._images: dict[str, np.ndarray] = {}
         self._subjects = inputs.subjects
@@ -140,14 +142,16 @@ class Solving:
         return next((scene for scene in bpy.data.scenes if scene.session_uid == self.uid), None)
 
     def _run(self) -> Generator[None, None, None]:
-        strokes = yield from run_in_thread(lambda: _stroke_goals(self._strokes))
-        self._request = core.request(self._content, replace(self._options, goals=[*strokes, *self._options.goals]))
+        by_view = yield from run_in_thread(lambda: [_stroke_goals(view.strokes) for view in self.views])
+        goals = self._choose_views(by_view)
+        self._request = core.request(self._content, replace(self._options, goals=[*goals, *self._options.goals]))
         yield from self._read_pictures()
         yield from self._make_masks()
-        self._job = handle.start(self.shot, self._request, self._images)
+        self._job = handle.start(self.shot, self._request, self._images, [view.folder for view in self.views])
         yield from self._wait_for_job()
         answer = handle.answer(self._job)
-        if core.moved_out_of_sight(answer, self._request["lights"]):
+        is_current_alone = [view.name for view in self.views] == [""]
+        if is_current_alone and core.moved_out_of_sight(answer, self._request["lights"]):
             answer = yield from self._solve_on(answer)
         elif answer["rarely_met"]:
             self.notes.append(f"Few paths meet {listed(answer['rarely_met'])}, {UNCERTAIN}: {REBAKE}")
@@ -157,6 +161,14 @@ class Solving:
         frame = yield from self._picture(text)
         result = Result(answer, self._content, self._request, text, frame, self._before_frame)
         self.entry = yield from self._hooks.keep(self, result)
+
+    def _choose_views(self, by_view: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+        """Leaves out views of which nothing is asked; the goals of strokes with the numbers of the others."""
+        is_current_asked = bool(self._options.goals) or self._options.keep_rest > 0.0
+        asked = [bool(goals) or (not number and is_current_asked) for number, goals in enumerate(by_view)]
+        self.views = [view for view, is_asked in zip(self.views, asked, strict=True) if is_asked]
+        chosen = [goals for goals, is_asked in zip(by_view, asked, strict=True) if is_asked]
+        return [goal | ({"view": view} if view else {}) for view, goals in enumerate(chosen) for goal in goals]
 
     def _solve_on(self, answer: dict[str, Any]) -> Generator[None, None, dict[str, Any]]:
         """The answer, polished with paths that look for its lights; unchanged where there can be none."""
@@ -180,7 +192,7 @@ class Solving:
             if not is_there:
                 raise SolveError(REBAKE)
             request = self._request | {"from": answer, "steps": 0, "starts": 1}
-            self._job = handle.start(self.shot, request, self._images, folder)
+            self._job = handle.start(self.shot, request, self._images, [folder])
             try:
                 yield from self._wait_for_job()
             except GeneratorExit:  # It reads from the folder.

@@ -173,7 +173,7 @@ def report_outcome(operator: bpy.types.Operator, work: Callable[[], str | None])
 def _draw() -> None:
     """Called by Blender for every 3D view, over everything else: progress, whatever the side bar shows."""
     context = bpy.context
-    job, frame = solving.running(context.scene), drawing.frame_in(context)
+    job, frame = solving.running(context.scene), drawing.current_frame_in(context)
     if job is not None and frame is not None:
         top = min(frame.top, context.region.height) - WORDS_POINTS * context.preferences.system.ui_scale
         write(f"{job.progress[1]}   (Esc cancels)", (frame.left + frame.right) / 2, top)

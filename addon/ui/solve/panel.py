@@ -7,6 +7,7 @@ import json
 import bpy
 
 from ...core.rows import LIGHT
+from ...core.strokes import Stroke
 from ...engine.solve import solving
 from ...engine.solve.request import strokes_of
 from ...live import rows
@@ -36,13 +37,20 @@ class RELUME_PT_solve(RelumePanel, bpy.types.Panel):  # noqa: N801
         strokes = strokes_of(scene)
         if strokes:
             line = layout.row(align=True)
-            line.label(text="1 stroke" if len(strokes) == 1 else f"{len(strokes)} strokes")
+            line.label(text=_count_of(strokes))
             line.prop(settings, "show_strokes", text="", icon="HIDE_OFF" if settings.show_strokes else "HIDE_ON")
             line.operator("relume.clear_strokes", text="", icon="TRASH")
         regions.draw(layout, scene)
         _draw_start(layout, scene)
         if settings.report:
             _draw_report(layout, scene)
+
+
+def _count_of(strokes: tuple[Stroke, ...]) -> str:
+    """Number of strokes, and of the shots that they are painted in if there are several."""
+    shots = len({stroke.shot for stroke in strokes})
+    words = "1 stroke" if len(strokes) == 1 else f"{len(strokes)} strokes"
+    return words if shots == 1 else f"{words} in {shots} shots"
 
 
 class RELUME_PT_solve_target(RelumePanel, bpy.types.Panel):  # noqa: N801

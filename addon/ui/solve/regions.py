@@ -107,7 +107,7 @@ class RELUME_OT_draw_rectangle(bpy.types.Operator):  # noqa: N801
 
     def invoke(self, context, event):
         """Called by Blender: waits for the mouse from a button; with the brush, the drag has begun."""
-        self.frame = drawing.frame_in(context)
+        self.frame = drawing.current_frame_in(context)
         if self.frame is None:
             self.report({"WARNING"}, NO_CAMERA_VIEW)
             return {"CANCELLED"}

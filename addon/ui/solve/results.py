@@ -73,7 +73,7 @@ def _finish(scene: bpy.types.Scene, before: Look, solving: Solving, result: Resu
     scene.relume_solve.report = json.dumps(
         {
             "look": entry.name,
-            "lines": [{"text": line["text"], "met": line["met"]} for line in answer["report"]],
+            "lines": [{"text": _line(solving, result, line), "met": line["met"]} for line in answer["report"]],
             "notes": grouped(tuple(solving.notes)),
         }
     )
@@ -82,6 +82,14 @@ def _finish(scene: bpy.types.Scene, before: Look, solving: Solving, result: Resu
         pairs.set_pair(scene, result.frame, result.before_frame, scene.relume_view.compare, labels)
     scheduler.request_picture(scene)
     return entry.uid
+
+
+def _line(solving: Solving, result: Result, line: dict[str, Any]) -> str:
+    """Line of the report on a goal, with the name of its shot if that is another one than the current."""
+    if all(not view.name for view in solving.views):
+        return line["text"]
+    name = solving.views[result.asked["goals"][line["number"]].get("view", 0)].name
+    return f"'{name}': {line['text']}" if name else line["text"]
 
 
 def _world_gain(shot: shots.Shot, result: Result) -> list[float] | None:

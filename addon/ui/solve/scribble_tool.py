@@ -10,6 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 
 from ...core import strokes as core
 from ...engine.solve.request import strokes_of
+from ...engine.solve.stroke_shots import key_of, strokes_in
 from ...viewport import compare as pairs
 from ...viewport import strokes as drawing
 from ...viewport.views import redraw
@@ -17,7 +18,9 @@ from .settings import COLOR_TEXT, MEANING_ITEMS
 
 TOOL = "relume.scribble"
 AFTERWARDS = "builtin.select_box"
-NO_CAMERA_VIEW = "Look through the camera to paint what its picture should do (numpad 0)"
+NO_CAMERA_VIEW = (
+    "Look through the camera of the scene or of a listed shot to paint what its picture should do (numpad 0)"
+)
 ERASE_ITEM = (core.ERASE, "Erase", "Takes away what was painted here", "X", 7)
 LIGHTEST = 0.05
 """Least pressure of a pen."""
@@ -54,6 +57,7 @@ class RELUME_OT_scribble(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     strength: FloatProperty(name="Strength", description="How much it counts", default=1.0, min=0.01, max=1.0)
     points: StringProperty(name="Points", description="JSON: x, y and pressure each", options={"HIDDEN", "SKIP_SAVE"})
     erase: BoolProperty(name="Erase", description="Take away instead", options={"HIDDEN", "SKIP_SAVE"})
+    shot: StringProperty(name="Shot", description="Key of the listed shot", options={"HIDDEN", "SKIP_SAVE"})
 
     def draw(self, _context):
         """Called by Blender for the panel of the last operation."""
@@ -69,10 +73,11 @@ class RELUME_OT_scribble(bpy.types.Operator):  # noqa: N801 -- Blender's naming
 
     def invoke(self, context, event):
         """Called by Blender: begins with the settings of the brush."""
-        frame = drawing.frame_in(context)
-        if frame is None:
+        frame, shot = drawing.frame_in(context), key_of(context.scene, drawing.camera_in(context))
+        if frame is None or shot is None:
             self.report({"WARNING"}, NO_CAMERA_VIEW)
             return {"CANCELLED"}
+        self.shot = shot
         settings, self.frame, self.button = context.scene.relume_solve, frame, event.type
         brush = settings.brush()
         self.goal, self.amount = (core.ERASE, 0.0) if self.erase else (brush.goal, brush.amount)
@@ -108,7 +113,9 @@ class RELUME_OT_scribble(bpy.types.Operator):  # noqa: N801 -- Blender's naming
 
     def _stroke(self, points) -> core.Stroke:
         meaning = core.meaning(self.goal, self.amount, self.color)
-        return core.Stroke(meaning, round(self.radius, core.DIGITS), round(self.strength, core.DIGITS), points)
+        return core.Stroke(
+            meaning, round(self.radius, core.DIGITS), round(self.strength, core.DIGITS), points, self.shot
+        )
 
     def execute(self, context):
         """Keeps the stroke of `points`."""
@@ -234,12 +241,17 @@ def _draw() -> None:
     settings = context.scene.relume_solve
     if not settings.show_strokes or not is_active(context):
         return
-    frame = drawing.frame_in(context)
+    frame, shot = drawing.frame_in(context), key_of(context.scene, drawing.camera_in(context))
+    if shot is None:
+        return
+    is_current = drawing.camera_in(context) == context.scene.camera
     if frame is not None and (pairs.pair_of(context.scene) is None or drawing.is_painting(context.scene)):
-        rectangles = [(it.meaning(), tuple(it.rectangle)) for it in settings.regions if it.kind == "RECTANGLE"]
-        if settings.target is not None and settings.target_place.kind == "RECTANGLE":
+        regions = settings.regions if is_current else ()
+        rectangles = [(it.meaning(), tuple(it.rectangle)) for it in regions if it.kind == "RECTANGLE"]
+        if is_current and settings.target is not None and settings.target_place.kind == "RECTANGLE":
             rectangles.append((TARGET_MEANING, tuple(settings.target_place.rectangle)))
-        drawing.draw(context.scene, frame, strokes_of(context.scene), rectangles)
+        strokes = (*strokes_of(context.scene), *drawing.live_stroke(context.scene))
+        drawing.draw(frame, strokes_in(context.scene, strokes, shot), rectangles)
 
 
 CLASSES = (RELUME_OT_scribble, RELUME_OT_clear_strokes, RELUME_OT_pick_brush)

@@ -147,6 +147,8 @@ pub(super) struct State {
     pub dump: Option<Dump>,
     /// Scene of the bake in which lights are connected.
     pub connections: Option<Arc<Connections>>,
+    /// Number of threads that prepare connections, so that better pictures are to be expected.
+    pub preparing: u32,
     /// World that is shown in place of the one that the paths were traced with.
     pub world: Option<Arc<OtherWorld>>,
     /// Lights that its paths are guided towards.
@@ -232,7 +234,7 @@ impl Shared {
         status.to_learn = state.to_learn();
         status.warnings.extend(state.light_warnings.iter().cloned());
         if let Some(shown) = &mut status.shown {
-            shown.settled &= shown.deliveries == state.deliveries;
+            shown.settled &= shown.deliveries == state.deliveries && state.preparing == 0;
         }
         status.error = status.error.or_else(|| state.picture_error.clone());
         status

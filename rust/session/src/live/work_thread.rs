@@ -165,11 +165,16 @@ impl WorkRun {
         if self.shared.lock().connections.as_ref().is_some_and(|known| known.is_of(&manifest)) {
             return;
         }
-        let (shared, scene) = (self.shared.clone(), Arc::clone(scene));
-        let connect = move || match Connections::new(scene, &manifest, Some(bvh)) {
-            Ok(Some(connections)) => deliver_levels(&shared, Arc::new(connections), &|| shared.lock().closed),
-            Ok(None) => {}
-            Err(error) => shared.warn(&error.to_string()),
+        let (preparing, scene) = (Preparing::new(&self.shared), Arc::clone(scene));
+        let connect = move || {
+            let Preparing(shared) = &preparing;
+            match Connections::new(scene, &manifest, Some(bvh)) {
+                Ok(Some(connections)) => {
+                    deliver_levels(shared, Arc::new(connections), &|| shared.lock().closed);
+                }
+                Ok(None) => {}
+                Err(error) => shared.warn(&error.to_string()),
+            }
         };
         let threads = self.options.threads;
         let thread = thread::Builder::new().name("relume-connect".into());
@@ -186,6 +191,7 @@ impl WorkRun {
         if !path.exists() {
             return;
         }
+        let _preparing = Preparing::new(&self.shared);
         let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
         match scene.and_then(|scene| Connections::new(scene, manifest, None)) {
             Ok(Some(connections)) => {
@@ -400,6 +406,22 @@ impl WorkRun {
             lights.extend(request.lights.iter().cloned());
         }
         Ok(lights)
+    }
+}
+
+/// Note that connections are being prepared, until it is dropped.
+struct Preparing(Arc<Shared>);
+
+impl Preparing {
+    fn new(shared: &Arc<Shared>) -> Self {
+        shared.change(|state| state.preparing += 1);
+        Self(shared.clone())
+    }
+}
+
+impl Drop for Preparing {
+    fn drop(&mut self) {
+        self.0.change(|state| state.preparing -= 1);
     }
 }
 
