@@ -1,5 +1,6 @@
-"""Four shots are laid out in four views: all follow one dragged light, each becomes its own relight, and the views are
-put together again. Measures how much later the active picture is beside the others."""
+"""Four shots are laid out in four views: all follow one dragged light, each becomes its own relight, one solve meets a
+stroke in each, and the views are put together again. Measures how much later the active picture is beside the
+others."""
 
 import json
 import time
@@ -118,6 +119,28 @@ def play(driver):
         yield from driver.drawn()
         changed = np.abs(driver.photo("after").astype(float) - before).mean()
         driver.check(changed > 0.5, f"the views changed: {changed}")
+
+    with driver.step("solve"):
+        for entry in scene.relume_shots.items:
+            points = json.dumps([[0.4, 0.5, 1.0], [0.6, 0.5, 1.0]])
+            bpy.ops.relume.scribble(points=points, goal="brighter", amount=0.5, radius=0.2, shot=entry.key)
+        scene.relume_solve.effort = "QUICK"
+        with bpy.context.temp_override(window=window, area=views()[0]):
+            bpy.ops.wm.tool_set_by_id(name="relume.scribble")
+        yield from driver.drawn()
+        driver.photo("strokes")
+        with bpy.context.temp_override(window=window, area=views()[0]):
+            bpy.ops.relume.solve("INVOKE_DEFAULT")
+        solving = addon("engine.solve.solving")
+        yield from driver.until(lambda: solving.running(scene) is None, "the solve", 300)
+        lines = [line["text"] for line in json.loads(scene.relume_solve.report)["lines"]]
+        driver.check(len(lines) == len(shots()), f"a line for each stroke: {lines}")
+        bpy.ops.relume.apply_solved()
+        yield from driver.until(rest, "rest", 300)
+        yield from driver.drawn()
+        driver.photo("solved")
+        with bpy.context.temp_override(window=window, area=views()[0]):
+            bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
 
     with driver.step("together"):
         with bpy.context.temp_override(window=window, area=views()[0]):
