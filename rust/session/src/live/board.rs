@@ -3,8 +3,8 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Share of the time for other pictures while the active one is dragged.
-const SHARE: f64 = 0.15;
-/// A drag is over when nothing was dragged for so long.
+const SHARE: f64 = 0.1;
+/// A drag is over when nothing was dragged for so long, although there was time for it.
 const DRAG_PAUSE: Duration = Duration::from_millis(250);
 /// Time after which who waits looks again whether it was closed, or a drag is over.
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
@@ -100,6 +100,8 @@ impl BoardState {
             drag.last = now;
         } else if let Some(drag) = self.drag.as_mut().filter(|_| !is_active) {
             drag.others += now.duration_since(began);
+            // The active one could not go on before.
+            drag.last = now;
         }
     }
 }
@@ -226,14 +228,16 @@ mod tests {
         let waiting = [(0, Stage::Drag), (1, Stage::Drag)];
         let (began, mut state) = (Instant::now(), state(1, &waiting));
         state.note(true, Stage::Drag, began, began + at(100));
-        assert_eq!(state.next(began + at(100)), Some(0), "15 ms are owed");
+        assert_eq!(state.next(began + at(100)), Some(0), "10 ms are owed");
         state.note(false, Stage::Drag, began + at(100), began + at(130));
         assert_eq!(state.next(began + at(130)), Some(1), "30 ms are more than its share");
         state.waiting.pop();
         assert_eq!(state.next(began + at(131)), None, "and the active one may come at any time");
-        assert_eq!(state.next(began + at(210)), Some(0), "until it has been paid for");
-        assert_eq!(state.next(began + at(100) + DRAG_PAUSE + at(1)), Some(0), "or the drag is over");
-        state.note(true, Stage::Drag, began + at(900), began + at(910));
+        assert_eq!(state.next(began + at(310)), Some(0), "until it has been paid for");
+        state.note(false, Stage::Drag, began + at(310), began + at(700));
+        assert_eq!(state.next(began + at(800)), None, "a long turn of another ends no drag");
+        assert_eq!(state.next(began + at(700) + DRAG_PAUSE + at(1)), Some(0), "a pause does");
+        state.note(true, Stage::Drag, began + at(1200), began + at(1210));
         assert_eq!(state.drag.unwrap().others, Duration::ZERO, "the next one counts anew");
     }
 
