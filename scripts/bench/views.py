@@ -61,7 +61,8 @@ def settle(shots, lights):
     request = relume.Request.parse(json.dumps({"lights": lights}))
     numbers = [shot.relight(request) for shot in shots]
     for shot, number in zip(shots, numbers, strict=True):
-        while (frame := shot.frame(0)) is None or frame.request != number or not json.loads(frame.summary)["settled"]:
+        # The status says whether vertices are still prepared.
+        while (shown := shot.status().shown or {}).get("request") != number or not shown["settled"]:
             time.sleep(0.05)
 
 
