@@ -15,7 +15,7 @@ from helpers import write_multilayer
 pytestmark = pytest.mark.every_version
 
 NAME, OTHER = "fg.v2/hero", "fg.v2_hero"
-"""As files both would have the same name."""
+"""Names of layers that would be the same as names of files."""
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ NEVER = {
     r"(?m)^\s*(import|from) (urllib|socket|http|ftplib|requests)\b": "uses the network, without the permission for it",
     r"\bpip\b|\bensurepip\b": "installs packages",
 }
-"""What reviewers of extensions refuse."""
+"""Text that reviewers of extensions refuse."""
 
 
 @pytest.fixture(scope="module")

@@ -74,7 +74,7 @@ def test_a_rig_in_centimetres_with_y_up_stands_in_metres():
     assert key["settings"]["shadow_soft_size"] == pytest.approx(0.05)
     assert key["settings"]["energy"] == pytest.approx(4 * math.pi**2 * 0.05**2 * 20)
     assert key["settings"]["color"] == [1.0, 0.5, 0.0]
-    # Of radiance 3 / (100 x 50), on half a square metre.
+    # Its radiance is 3 / (100 x 50), its area half a square metre.
     assert fill["settings"]["energy"] == pytest.approx(math.pi * 0.5 * 3 / 5000)
     assert [row.on for row in look.rows] == [True, False]
     assert any("'sky' is left out" in words for words in warnings)

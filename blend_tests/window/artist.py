@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from display import in_image_editor, write_exr
 from driver import ADDON
+from mathutils import Vector
 
 FIRST_PICTURE_SECONDS = 120
 WORK_SECONDS = 600
@@ -25,6 +26,14 @@ def addon(module):
 def will_ask_again():
     """True if a fuller picture of an edit will be asked for a moment later."""
     return bool(addon("live.scheduler").scheduler.settling)
+
+
+def add_camera(scene, name, right, up):
+    """A camera beside the scene's own, looking the same way."""
+    camera = scene.camera.copy()
+    camera.name = name
+    scene.collection.objects.link(camera)
+    camera.matrix_world.translation += scene.camera.matrix_world.to_3x3() @ Vector((right, up, 0.0))
 
 
 def settled(driver):

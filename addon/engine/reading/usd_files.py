@@ -43,7 +43,7 @@ def write_file(scene: bpy.types.Scene, look: Look, path: Path, for_blender: bool
 
 
 def _tint(scene: bpy.types.Scene, obj: bpy.types.Object, warnings: list[str]) -> list[float]:
-    """What the nodes of a light emit for a strength of 1; says what of it or of the light cannot be written."""
+    """Light that the nodes of a light emit for a strength of 1; warns of all that cannot be written."""
     builder = native().SceneBuilder
     shaders = LampShaders(builder.constant_emission, lambda: builder(working_space()), scene.frame_current)
     lost = []

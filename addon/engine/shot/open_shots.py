@@ -53,7 +53,7 @@ def by_key(scene: bpy.types.Scene, key: str) -> Shot | None:
 
 
 def lights_of(scene: bpy.types.Scene) -> list[SceneLights]:
-    """What open shots read of the lights of a scene, each once."""
+    """Readings of the lights of a scene by its open shots, each once."""
     return list({id(shot.lights): shot.lights for shot in all_of(scene)}.values())
 
 
@@ -65,7 +65,7 @@ def showing(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> Shot | N
 
 
 def same_lights(shot: Shot) -> SceneLights | None:
-    """What an open shot of the same scene reads of its lights, if it would be the same: it is read once for all."""
+    """Reading of the lights by another open shot of the scene, if it is the same: lights are read once for all."""
     others = [other for other in all_open() if other.scene_uid == shot.scene_uid and other is not shot]
     own = shot.lights.view_layer, shot.lights.receivers
     return next((found.lights for found in others if (found.lights.view_layer, found.lights.receivers) == own), None)

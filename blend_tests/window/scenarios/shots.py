@@ -1,20 +1,11 @@
 """Three shots are listed, baked in another Blender, followed by clicks on the list, and put on a contact sheet."""
 
 import bpy
-from artist import addon
-from mathutils import Vector
+from artist import add_camera, addon
 
 NEEDS = ["demo.blend"]
 SCREEN = "1280x900"
 BAKE_SECONDS = 600
-
-
-def add_camera(scene, name, right, up):
-    """A camera beside the scene's own, looking the same way."""
-    camera = scene.camera.copy()
-    camera.name = name
-    scene.collection.objects.link(camera)
-    camera.matrix_world.translation += scene.camera.matrix_world.to_3x3() @ Vector((right, up, 0.0))
 
 
 def play(driver):

@@ -184,24 +184,22 @@ fn segments_name_the_object_that_they_scattered_at() {
     }
 }
 
+/// Number of glossy segments in a picture of so many samples, with or without reflective caustics.
+fn glossy_segments(scene: &Scene, samples: u32, caustics: bool) -> usize {
+    let mut settings = settings(samples);
+    settings.paths.caustics_reflective = caustics;
+    let paths = image_paths(scene, &settings);
+    let segments = paths.iter().flatten().flat_map(|path| &path.segments);
+    segments.filter(|segment| segment.lobe.ray_kind() == Lobe::Glossy).count()
+}
+
 #[test]
 fn caustics_can_be_switched_off() {
     // A diffuse floor below a mirror: diffuse rays may not see the mirror's reflection.
     let mut scene = stack(vec![diffuse(0.5)]);
     add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * 4.0), mirror([1.0; 3]));
-    let glossy = |caustics| {
-        let mut settings = settings(256);
-        settings.paths.caustics_reflective = caustics;
-        let paths = image_paths(&scene, &settings);
-        paths
-            .iter()
-            .flatten()
-            .flat_map(|path| &path.segments)
-            .filter(|s| s.lobe.ray_kind() == Lobe::Glossy)
-            .count()
-    };
-    assert!(glossy(true) > 50);
-    assert_eq!(glossy(false), 0);
+    assert!(glossy_segments(&scene, 256, true) > 50);
+    assert_eq!(glossy_segments(&scene, 256, false), 0);
 }
 
 #[test]
@@ -210,19 +208,8 @@ fn what_comes_through_a_translucent_surface_is_diffuse_for_caustics() {
     let curtain = material(Node::Translucent { color: Input::Rgb([0.8; 3]), normal: None });
     let mut scene = stack(vec![curtain]);
     add(&mut scene, square(0.0), Affine3A::from_translation(Vec3::Z * -0.5), mirror([1.0; 3]));
-    let glossy = |caustics| {
-        let mut settings = settings(64);
-        settings.paths.caustics_reflective = caustics;
-        let paths = image_paths(&scene, &settings);
-        paths
-            .iter()
-            .flatten()
-            .flat_map(|path| &path.segments)
-            .filter(|s| s.lobe.ray_kind() == Lobe::Glossy)
-            .count()
-    };
-    assert!(glossy(true) > 50);
-    assert_eq!(glossy(false), 0);
+    assert!(glossy_segments(&scene, 64, true) > 50);
+    assert_eq!(glossy_segments(&scene, 64, false), 0);
 }
 
 #[test]
