@@ -51,6 +51,7 @@ mod mlp;
 mod network;
 mod optim;
 mod params;
+mod pixel_codes;
 mod pixels;
 mod pool;
 mod proxy;

@@ -1,11 +1,15 @@
 use glam::Vec3;
+use relume_scene::Camera;
 
 use crate::ProxyError;
+use crate::pixel_codes::{self as codes, CodedImage};
 
 /// Features of each pixel for the networks, from the AOVs and the camera. All arrays run row-major from the top left
 /// pixel and hold `width * height` entries.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PixelFeatures {
+    /// Camera that sees them.
+    pub camera: Camera,
     /// Pixels per row.
     pub width: usize,
     /// Rows.
@@ -26,6 +30,46 @@ pub struct PixelFeatures {
 const BEYOND: f32 = 0.5;
 
 impl PixelFeatures {
+    /// Features of AOVs as [`Self`] describes them, finite and of the camera's size. They are rounded to what a proxy's
+    /// file holds, so that a network learns on what it is used with.
+    pub fn new(camera: &Camera, albedo: &[[f32; 3]], normal: &[[f32; 3]], depth: &[f32]) -> Self {
+        Self::of_codes(
+            camera,
+            &codes::encode_albedo(albedo),
+            &codes::encode_normal(normal),
+            &codes::encode_depth(depth),
+        )
+    }
+
+    /// Features of coded images of the camera's size.
+    pub(crate) fn of_codes(
+        camera: &Camera,
+        albedo: &CodedImage,
+        normal: &CodedImage,
+        depth: &CodedImage,
+    ) -> Self {
+        let depth = codes::decode_depth(depth);
+        let farthest = depth.iter().copied().fold(0.0, f32::max);
+        // Background stands well behind everything, at a distance that keeps the network's inputs moderate.
+        let background = if farthest > 0.0 { 4.0 * farthest } else { 100.0 };
+        let ray = |pixel| camera.pixel_ray(pixel % camera.width, pixel / camera.width);
+        let position = |(pixel, depth): (usize, &f32)| {
+            let (origin, direction) = ray(pixel);
+            let distance = if *depth > 0.0 { *depth } else { background };
+            (origin + distance * direction).to_array()
+        };
+        Self {
+            width: camera.width,
+            height: camera.height,
+            albedo: codes::decode_albedo(albedo),
+            normal: codes::decode_normal(normal),
+            position: depth.iter().enumerate().map(position).collect(),
+            wo: (0..depth.len()).map(|pixel| (-ray(pixel).1).to_array()).collect(),
+            camera: camera.clone(),
+            depth,
+        }
+    }
+
     /// Pixels in the image.
     pub fn pixel_count(&self) -> usize {
         self.width * self.height

@@ -1,5 +1,6 @@
 use std::sync::Arc;
 
+use half::f16;
 use relume_image::Image;
 use relume_scene::LightShape;
 use serde::{Deserialize, Serialize};
@@ -83,8 +84,9 @@ macro_rules! with_evaluator {
 }
 
 impl Proxy {
-    /// Proxy from weights in the order of the network's layout.
-    pub(crate) fn new(info: ProxyInfo, features: Arc<PixelFeatures>, params: Vec<f32>) -> Self {
+    /// Proxy from weights in the order of the network's layout, which are rounded to what its file holds.
+    pub(crate) fn new(info: ProxyInfo, features: Arc<PixelFeatures>, mut params: Vec<f32>) -> Self {
+        params.iter_mut().for_each(|weight| *weight = f16::from_f32(*weight).to_f32());
         let scene = SceneCache::new(&features, info.normalisation);
         let light = LightEncoding::new(info.kind, info.normalisation, info.size);
         let (count, isa) = (features.pixel_count(), Isa::detect());

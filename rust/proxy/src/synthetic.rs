@@ -1,9 +1,11 @@
 //! A small scene with closed formulas, for tests and benchmarks: a chequered floor, a back wall and one
 //! ball that casts shadows, seen by a pinhole camera.
 
-use glam::Vec3;
+use std::f32::consts::FRAC_PI_2;
+
+use glam::{Affine3A, Quat, Vec2, Vec3};
 use relume_image::Image;
-use relume_scene::LightShape;
+use relume_scene::{Camera, LightShape};
 
 use crate::{PixelFeatures, PixelQueries, ProxyError, Rng, TargetSource};
 
@@ -31,8 +33,8 @@ struct SyntheticHit {
 impl SyntheticRoom {
     /// Without noise.
     pub fn new(width: usize, height: usize) -> Self {
-        let hits =
-            (0..width * height).map(|i| first_hit(EYE, camera_ray(i % width, i / width, width, height)));
+        let camera = camera(width, height);
+        let hits = (0..width * height).map(|i| first_hit(EYE, camera.pixel_ray(i % width, i / width).1));
         Self { width, height, noise: 0.0, hits: hits.collect() }
     }
 
@@ -44,16 +46,10 @@ impl SyntheticRoom {
 
     /// The AOVs.
     pub fn features(&self) -> PixelFeatures {
-        let wo = |h: &SyntheticHit| (EYE - h.position).normalize().to_array();
-        PixelFeatures {
-            width: self.width,
-            height: self.height,
-            albedo: self.hits.iter().map(|h| h.albedo).collect(),
-            normal: self.hits.iter().map(|h| h.normal.to_array()).collect(),
-            depth: self.hits.iter().map(|h| (h.position - EYE).length()).collect(),
-            position: self.hits.iter().map(|h| h.position.to_array()).collect(),
-            wo: self.hits.iter().map(wo).collect(),
-        }
+        let albedo: Vec<_> = self.hits.iter().map(|hit| hit.albedo).collect();
+        let normal: Vec<_> = self.hits.iter().map(|hit| hit.normal.to_array()).collect();
+        let depth: Vec<_> = self.hits.iter().map(|hit| (hit.position - EYE).length()).collect();
+        PixelFeatures::new(&camera(self.width, self.height), &albedo, &normal, &depth)
     }
 
     fn radiance(&self, pixel: usize, shape: &LightShape) -> [f32; 3] {
@@ -113,10 +109,18 @@ impl TargetSource for SyntheticRoom {
     }
 }
 
-fn camera_ray(x: usize, y: usize, width: usize, height: usize) -> Vec3 {
-    let u = ((x as f32 + 0.5) / width as f32 - 0.5) * 1.2;
-    let v = (0.5 - (y as f32 + 0.5) / height as f32) * 1.2 * height as f32 / width as f32;
-    Vec3::new(u, 1.0, v - 0.2).normalize()
+/// Camera at the eye that looks along +y and a little down.
+fn camera(width: usize, height: usize) -> Camera {
+    let half = Vec2::new(0.6, 0.6 * height as f32 / width as f32);
+    let middle = Vec2::new(0.0, -0.2);
+    Camera {
+        world_from_camera: Affine3A::from_rotation_translation(Quat::from_rotation_x(FRAC_PI_2), EYE),
+        width,
+        height,
+        window_min: middle - half,
+        window_max: middle + half,
+        ..Camera::default()
+    }
 }
 
 fn first_hit(origin: Vec3, direction: Vec3) -> SyntheticHit {

@@ -1,4 +1,4 @@
-use glam::{Affine3A, Vec2};
+use glam::{Affine3A, Vec2, Vec3};
 
 use crate::{Panorama, Pose, Shutter};
 
@@ -66,6 +66,23 @@ pub struct DepthOfField {
     pub ratio: f32,
 }
 
+impl Camera {
+    /// Origin and unit direction of the ray through the middle of a pixel, world space, without lens or clipping; no
+    /// direction where a lens shows nothing. Pixels count from the top left corner.
+    pub fn pixel_ray(&self, x: usize, y: usize) -> (Vec3, Vec3) {
+        let share =
+            Vec2::new((x as f32 + 0.5) / self.width as f32, 1.0 - (y as f32 + 0.5) / self.height as f32);
+        let film = self.window_min + share * (self.window_max - self.window_min);
+        let (origin, direction) = match self.projection {
+            Projection::Perspective => (Vec3::ZERO, film.extend(-1.0)),
+            Projection::Orthographic => (film.extend(0.0), Vec3::NEG_Z),
+            Projection::Panoramic(panorama) => (Vec3::ZERO, panorama.direction(film).unwrap_or_default()),
+        };
+        let world = &self.world_from_camera;
+        (world.transform_point3(origin), world.transform_vector3(direction).normalize_or_zero())
+    }
+}
+
 /// JSON has no infinity and writes null for it.
 fn null_as_infinity<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f32, D::Error> {
     let value: Option<f32> = serde::Deserialize::deserialize(deserializer)?;
@@ -95,6 +112,37 @@ impl Default for Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Quat;
+
+    fn camera() -> Camera {
+        // At (0, -5, 2), looking along +y.
+        let rotation = Quat::from_rotation_x(std::f32::consts::FRAC_PI_2);
+        let place = Affine3A::from_rotation_translation(rotation, Vec3::new(0.0, -5.0, 2.0));
+        Camera {
+            world_from_camera: place,
+            width: 4,
+            height: 2,
+            window_min: Vec2::new(-1.0, -0.5),
+            window_max: Vec2::new(1.0, 0.5),
+            ..Camera::default()
+        }
+    }
+
+    #[test]
+    fn first_pixel_is_top_left() {
+        let (origin, direction) = camera().pixel_ray(0, 0);
+        assert_eq!(origin, Vec3::new(0.0, -5.0, 2.0));
+        let expected = Vec3::new(-0.75, 1.0, 0.25).normalize();
+        assert!(direction.distance(expected) < 1e-6, "{direction}");
+    }
+
+    #[test]
+    fn orthographic_rays_are_parallel_and_start_on_the_film() {
+        let camera = Camera { projection: Projection::Orthographic, ..camera() };
+        let (origin, direction) = camera.pixel_ray(3, 1);
+        assert!(origin.distance(Vec3::new(0.75, -5.0, 1.75)) < 1e-6, "{origin}");
+        assert!(direction.distance(Vec3::Y) < 1e-6);
+    }
 
     #[test]
     fn unlimited_camera_survives_json() {

@@ -36,7 +36,7 @@ mod test_room;
 mod test_warnings;
 mod train;
 
-pub use bake::features::{pixel_features, pixel_ray};
+pub use bake::features::pixel_features;
 pub use bake::guiding::GuidingRecord;
 pub use bake::world::WorldAbout;
 pub use bake::{BakeReport, bake, difference};

@@ -2,10 +2,9 @@
 //!
 //! | tensor | shape | meaning |
 //! |---|---|---|
-//! | `features.albedo`, `.normal`, `.position`, `.wo` | height, width, 3 | [`PixelFeatures`] |
-//! | `features.depth` | height, width | |
-//! | `net.<name>` | rows, cols | weights that the proxy is made of |
-//! | `train.params.<name>`, `.mean`, `.first`, `.second` | rows, cols | state of a training; only in its files |
+//! | `features.albedo`, `.normal`, `.depth` | bytes | [`PixelFeatures`], each a PNG of codes (`src/pixel_codes.rs`); positions follow from the header's camera |
+//! | `net.<name>` | rows, cols | weights that the proxy is made of, 16 bits |
+//! | `train.params.<name>`, `.mean`, `.first`, `.second` | rows, cols | state of a training, 32 bits; only in its files |
 //!
 //! A training's file is a proxy's file with more in it. A checksum over header and tensors finds every damage.
 
@@ -15,6 +14,7 @@ mod write;
 use std::path::Path;
 use std::sync::Arc;
 
+use relume_scene::Camera;
 use serde::{Deserialize, Serialize};
 
 use crate::proxy::ProxyInfo;
@@ -24,7 +24,7 @@ use crate::{LightParams, PixelFeatures, Proxy, ProxyError, TrainConfig, Trainer}
 /// Metadata key of the header.
 const HEADER_KEY: &str = "relume_proxy";
 /// Version of the format. Raise it when a reader of the old one would misread a new file.
-const FORMAT_VERSION: u32 = 2;
+const FORMAT_VERSION: u32 = 3;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Header {
@@ -32,6 +32,7 @@ struct Header {
     /// BLAKE3 of the header without this field and of all tensors, hexadecimal.
     checksum: String,
     info: ProxyInfo,
+    camera: Camera,
     #[serde(skip_serializing_if = "Option::is_none")]
     training: Option<TrainingHeader>,
 }

@@ -1,7 +1,9 @@
 use std::path::Path;
 
+use half::f16;
+use relume_scene::Camera;
 use safetensors::SafeTensors;
-use safetensors::tensor::Dtype;
+use safetensors::tensor::{Dtype, TensorView};
 
 use super::write::{checksum, format_error};
 use super::{CheckpointContents, FORMAT_VERSION, HEADER_KEY, Header};
@@ -9,6 +11,7 @@ use crate::encoding::LightEncoding;
 use crate::network::{FastNetwork, Network, ReferenceNetwork};
 use crate::optim::Optimiser;
 use crate::params::ParamLayout;
+use crate::pixel_codes::{ALBEDO, CodeKind, CodedImage, DEPTH, NORMAL};
 use crate::proxy::ProxyInfo;
 use crate::trainer::TrainState;
 use crate::{NetworkConfig, PixelFeatures, ProxyError};
@@ -39,9 +42,12 @@ pub(super) fn decode(bytes: &[u8]) -> Result<CheckpointContents, String> {
     }
     check_info(&header.info)?;
     let [width, height] = header.info.image;
-    let features = read_features(&tensors, width, height)?;
+    if (header.camera.width, header.camera.height) != (width, height) {
+        return Err("its camera sees another picture; train it again".into());
+    }
+    let features = read_features(&tensors, &header.camera)?;
     let layout = layout_of(&header.info);
-    let weights = read_params(&tensors, "net.", &layout)?;
+    let weights = read_params(&tensors, "net.", &layout, Dtype::F16)?;
     let training = match header.training {
         None => None,
         Some(training) => {
@@ -50,11 +56,11 @@ pub(super) fn decode(bytes: &[u8]) -> Result<CheckpointContents, String> {
                 return Err("the training's configuration does not fit its network; train it again".into());
             }
             let mut optimiser = Optimiser::new(&layout, training.config.muon);
-            optimiser.first = read_params(&tensors, "train.first.", &layout)?;
-            optimiser.second = read_params(&tensors, "train.second.", &layout)?;
+            optimiser.first = read_params(&tensors, "train.first.", &layout, Dtype::F32)?;
+            optimiser.second = read_params(&tensors, "train.second.", &layout, Dtype::F32)?;
             let state = TrainState {
-                params: read_params(&tensors, "train.params.", &layout)?,
-                mean: read_params(&tensors, "train.mean.", &layout)?,
+                params: read_params(&tensors, "train.params.", &layout, Dtype::F32)?,
+                mean: read_params(&tensors, "train.mean.", &layout, Dtype::F32)?,
                 optimiser,
                 step: header.info.steps,
                 samples: header.info.samples,
@@ -118,30 +124,32 @@ fn layout_of(info: &ProxyInfo) -> ParamLayout {
     }
 }
 
-fn read_features(tensors: &SafeTensors<'_>, width: usize, height: usize) -> Result<PixelFeatures, String> {
-    let triple = |name: &str| -> Result<Vec<[f32; 3]>, String> {
-        let values = read_tensor(tensors, &format!("features.{name}"), &[height, width, 3])?;
-        Ok(values.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect())
+fn read_features(tensors: &SafeTensors<'_>, camera: &Camera) -> Result<PixelFeatures, String> {
+    let image = |name: &str, kind: CodeKind| {
+        let name = format!("features.{name}");
+        let view = find_tensor(tensors, &name, Dtype::U8)?;
+        let read = CodedImage::from_png(view.data(), kind, (camera.width, camera.height));
+        read.map_err(|reason| format!("tensor {name} is damaged ({reason}); train it again"))
     };
-    let features = PixelFeatures {
-        width,
-        height,
-        albedo: triple("albedo")?,
-        normal: triple("normal")?,
-        depth: read_tensor(tensors, "features.depth", &[height, width])?,
-        position: triple("position")?,
-        wo: triple("wo")?,
-    };
+    let (albedo, normal, depth) =
+        (image("albedo", ALBEDO)?, image("normal", NORMAL)?, image("depth", DEPTH)?);
+    let features = PixelFeatures::of_codes(camera, &albedo, &normal, &depth);
     features.validate().map_err(|error| error.to_string())?;
     Ok(features)
 }
 
 /// Reads all parameters with a prefix into the layout. Sizes are checked tensor by tensor before anything as large as
 /// the layout is allocated.
-fn read_params(tensors: &SafeTensors<'_>, prefix: &str, layout: &ParamLayout) -> Result<Vec<f32>, String> {
+fn read_params(
+    tensors: &SafeTensors<'_>,
+    prefix: &str,
+    layout: &ParamLayout,
+    dtype: Dtype,
+) -> Result<Vec<f32>, String> {
     let mut parts = Vec::with_capacity(layout.tensors.len());
     for tensor in &layout.tensors {
-        parts.push(read_tensor(tensors, &format!("{prefix}{}", tensor.name), &[tensor.rows, tensor.cols])?);
+        let name = format!("{prefix}{}", tensor.name);
+        parts.push(read_numbers(tensors, &name, &[tensor.rows, tensor.cols], dtype)?);
     }
     let mut params = vec![0.0; layout.len];
     for (tensor, part) in layout.tensors.iter().zip(parts) {
@@ -152,16 +160,31 @@ fn read_params(tensors: &SafeTensors<'_>, prefix: &str, layout: &ParamLayout) ->
     Ok(params)
 }
 
-fn read_tensor(tensors: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
-    let view = tensors.tensor(name).map_err(|_| format!("tensor {name} is missing; train it again"))?;
-    if view.dtype() != Dtype::F32 || view.shape() != shape {
-        let (dtype, found) = (view.dtype(), view.shape());
-        return Err(format!("tensor {name} is {dtype:?} {found:?} instead of F32 {shape:?}; train it again"));
+/// Reads numbers of 16 or 32 bits.
+fn read_numbers(
+    tensors: &SafeTensors<'_>,
+    name: &str,
+    shape: &[usize],
+    dtype: Dtype,
+) -> Result<Vec<f32>, String> {
+    let view = find_tensor(tensors, name, dtype)?;
+    if view.shape() != shape {
+        return Err(format!("tensor {name} is {:?} instead of {shape:?}; train it again", view.shape()));
     }
-    let value = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-    let values: Vec<f32> = view.data().chunks_exact(4).map(value).collect();
+    let values: Vec<f32> = match dtype {
+        Dtype::F16 => view.data().as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect(),
+        _ => view.data().as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
+    };
     if let Some(index) = values.iter().position(|v| !v.is_finite()) {
         return Err(format!("value {index} of tensor {name} is not finite; train it again"));
     }
     Ok(values)
+}
+
+fn find_tensor<'a>(tensors: &SafeTensors<'a>, name: &str, dtype: Dtype) -> Result<TensorView<'a>, String> {
+    let view = tensors.tensor(name).map_err(|_| format!("tensor {name} is missing; train it again"))?;
+    match view.dtype() {
+        found if found == dtype => Ok(view),
+        found => Err(format!("tensor {name} is {found:?} instead of {dtype:?}; train it again")),
+    }
 }

@@ -2,17 +2,24 @@ use std::collections::HashMap;
 use std::io::Write;
 use std::path::Path;
 
+use half::f16;
 use relume_image::{ImageError, write_atomically};
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
 use super::{FORMAT_VERSION, HEADER_KEY, Header, TrainingHeader};
 use crate::params::ParamLayout;
+use crate::pixel_codes::{CodedImage, encode_albedo, encode_depth, encode_normal};
 use crate::proxy::ProxyInfo;
 use crate::trainer::TrainState;
 use crate::{PixelFeatures, ProxyError};
 
-/// A tensor by name, shape and values.
-pub(super) type NamedTensor = (String, Vec<usize>, Vec<f32>);
+/// A tensor of a file.
+pub(super) struct NamedTensor {
+    name: String,
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
 
 pub(super) fn save(
     path: &Path,
@@ -22,8 +29,8 @@ pub(super) fn save(
     weights: &[f32],
     training: Option<(&TrainingHeader, &TrainState)>,
 ) -> Result<(), ProxyError> {
-    let mut tensors = feature_tensors(features);
-    tensors.extend(param_tensors("net.", layout, weights));
+    let mut tensors = feature_tensors(features).map_err(|reason| format_error(path, reason))?;
+    tensors.extend(param_tensors("net.", layout, weights, Dtype::F16));
     if let Some((_, state)) = training {
         for (prefix, values) in [
             ("train.params.", &state.params),
@@ -31,17 +38,18 @@ pub(super) fn save(
             ("train.first.", &state.optimiser.first),
             ("train.second.", &state.optimiser.second),
         ] {
-            tensors.extend(param_tensors(prefix, layout, values));
+            tensors.extend(param_tensors(prefix, layout, values, Dtype::F32));
         }
     }
     let mut header = Header {
         format_version: FORMAT_VERSION,
         checksum: String::new(),
         info: info.clone(),
+        camera: features.camera.clone(),
         training: training.map(|(header, _)| header.clone()),
     };
     let plain = to_json(&header).map_err(|reason| format_error(path, reason))?;
-    header.checksum = checksum(&plain, tensors.iter().map(|(n, s, v)| (n.as_str(), &s[..], bytes_of(v))));
+    header.checksum = checksum(&plain, tensors.iter().map(|t| (t.name.as_str(), &t.shape[..], &t.bytes[..])));
     let bytes = encode(&header, &tensors).map_err(|reason| format_error(path, reason))?;
     write_atomically(path, |writer| writer.write_all(&bytes)).map_err(|error| match error {
         ImageError::Write { source, .. } | ImageError::Read { source, .. } => {
@@ -54,9 +62,9 @@ pub(super) fn save(
 pub(super) fn encode(header: &Header, tensors: &[NamedTensor]) -> Result<Vec<u8>, String> {
     let metadata = HashMap::from([(HEADER_KEY.to_owned(), to_json(header)?)]);
     let mut views = Vec::with_capacity(tensors.len());
-    for (name, shape, values) in tensors {
-        let view = TensorView::new(Dtype::F32, shape.clone(), bytes_of(values)).map_err(|e| e.to_string())?;
-        views.push((name.as_str(), view));
+    for tensor in tensors {
+        let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes);
+        views.push((tensor.name.as_str(), view.map_err(|error| error.to_string())?));
     }
     serialize(views, Some(metadata)).map_err(|error| error.to_string())
 }
@@ -85,37 +93,44 @@ pub(super) fn checksum<'a>(
     hasher.finalize().to_hex().to_string()
 }
 
-fn feature_tensors(features: &PixelFeatures) -> Vec<NamedTensor> {
-    let triple = |name: &str, values: &[[f32; 3]]| {
-        let shape = vec![features.height, features.width, 3];
-        (format!("features.{name}"), shape, bytemuck::cast_slice(values).to_vec())
+fn feature_tensors(features: &PixelFeatures) -> Result<Vec<NamedTensor>, String> {
+    let images = [
+        ("albedo", encode_albedo(&features.albedo)),
+        ("normal", encode_normal(&features.normal)),
+        ("depth", encode_depth(&features.depth)),
+    ];
+    let tensor = |(name, image): (&str, CodedImage)| {
+        let bytes = image.to_png(features.width, features.height)?;
+        Ok(NamedTensor {
+            name: format!("features.{name}"),
+            dtype: Dtype::U8,
+            shape: vec![bytes.len()],
+            bytes,
+        })
     };
-    vec![
-        triple("albedo", &features.albedo),
-        triple("normal", &features.normal),
-        triple("position", &features.position),
-        triple("wo", &features.wo),
-        ("features.depth".to_owned(), vec![features.height, features.width], features.depth.clone()),
-    ]
+    images.into_iter().map(tensor).collect()
 }
 
 fn param_tensors<'a>(
     prefix: &'a str,
     layout: &'a ParamLayout,
     values: &'a [f32],
+    dtype: Dtype,
 ) -> impl Iterator<Item = NamedTensor> + 'a {
     layout.tensors.iter().map(move |tensor| {
         let rows = values[tensor.range()].chunks(tensor.stride);
-        let unpadded = rows.flat_map(|row| row[..tensor.cols].iter().copied()).collect();
-        (format!("{prefix}{}", tensor.name), vec![tensor.rows, tensor.cols], unpadded)
+        let unpadded = rows.flat_map(|row| row[..tensor.cols].iter().copied());
+        let bytes = match dtype {
+            Dtype::F16 => unpadded.flat_map(|value| f16::from_f32(value).to_le_bytes()).collect(),
+            _ => unpadded.flat_map(f32::to_le_bytes).collect(),
+        };
+        NamedTensor {
+            name: format!("{prefix}{}", tensor.name),
+            dtype,
+            shape: vec![tensor.rows, tensor.cols],
+            bytes,
+        }
     })
-}
-
-#[cfg(target_endian = "big")]
-compile_error!("proxy files hold little-endian values and are written from memory as it is");
-
-fn bytes_of(values: &[f32]) -> &[u8] {
-    bytemuck::cast_slice(values)
 }
 
 pub(super) fn format_error(path: &Path, reason: String) -> ProxyError {

@@ -81,7 +81,6 @@ fn camera(scene: &Scene, view: &ObjView) -> Result<Camera, SessionError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::features::pixel_ray;
 
     fn cube(view: &ObjView) -> Result<Scene, SessionError> {
         let folder = tempfile::tempdir().unwrap();
@@ -110,7 +109,7 @@ mod tests {
         let (eye, target) = (Vec3::new(3.0, 4.0, 5.0), Vec3::new(0.0, 1.0, 0.5));
         let view =
             ObjView { eye: Some(eye), target: Some(target), width: 3, height: 3, ..ObjView::default() };
-        let (origin, direction) = pixel_ray(&cube(&view).unwrap().camera, 1, 1);
+        let (origin, direction) = cube(&view).unwrap().camera.pixel_ray(1, 1);
         assert!(origin.distance(eye) < 1e-5);
         assert!(direction.distance((target - eye).normalize()) < 1e-5);
     }
