@@ -1,9 +1,10 @@
 use rayon::prelude::*;
 
+use crate::encoded::EncodedTiles;
 use crate::loss::TILE;
 use crate::network::{Network, NetworkContext};
 use crate::scene_cache::SceneCache;
-use crate::simd::{AlignedVec, Isa, LANES, prefetch};
+use crate::simd::{AlignedVec, Isa, LANES};
 use crate::{LightParams, MAX_PARAMS};
 
 /// Tiles that one task runs.
@@ -14,25 +15,23 @@ pub(crate) struct Evaluator<N: Network> {
     network: N,
     packed: N::Packed,
     params: Vec<f32>,
-    scene: SceneCache,
     isa: Isa,
     pixel_count: usize,
-    /// `[tile][rows][LANES]`, row-major pixels; lanes past the last pixel repeat it.
-    encoded: AlignedVec,
+    /// Row-major pixels; lanes past the last one repeat it.
+    encoded: EncodedTiles,
 }
 
 impl<N: Network> Evaluator<N> {
     /// Packs the weights and encodes all pixels.
-    pub fn new(network: N, params: Vec<f32>, scene: SceneCache, pixel_count: usize, isa: Isa) -> Self {
+    pub fn new(network: N, params: Vec<f32>, scene: &SceneCache, pixel_count: usize, isa: Isa) -> Self {
         let packed = network.pack(&params);
-        let size = network.pixel_rows() * LANES;
-        let mut encoded = AlignedVec::zeros(pixel_count.div_ceil(LANES) * size);
-        let context = NetworkContext { isa, scene: &scene, params: &params };
-        encoded.par_chunks_mut(size).enumerate().for_each(|(tile, out)| {
-            let pixels = tile_pixels(tile, pixel_count);
-            network.encode_pixels(context, &packed, &pixels, out);
+        let context = NetworkContext { isa, scene, params: &params };
+        let exact = network.exact_rows();
+        let rows = [network.pixel_rows() - exact, exact];
+        let encoded = EncodedTiles::new(pixel_count.div_ceil(LANES), rows, |tile, out| {
+            network.encode_pixels(context, &packed, &tile_pixels(tile, pixel_count), out);
         });
-        Self { network, packed, params, scene, isa, pixel_count, encoded }
+        Self { network, packed, params, isa, pixel_count, encoded }
     }
 
     /// The weights.
@@ -45,36 +44,34 @@ impl<N: Network> Evaluator<N> {
         &self.network
     }
 
-    /// All pixels as [`Network::encode_pixels`] leaves them, tile after tile.
-    pub fn encoded(&self) -> &[f32] {
+    /// All pixels as [`Network::encode_pixels`] leaves them.
+    pub fn encoded(&self) -> &EncodedTiles {
         &self.encoded
     }
 
     /// Part of the evaluation that depends on a light alone.
     pub fn light(&self, light: &LightParams) -> N::Lit {
-        self.network.light(self.context(), &self.packed, light)
+        self.network.light(self.isa, &self.params, &self.packed, light)
     }
 
     /// The gradient by a light's parameters from a sum over pixels, as [`Network::light_backward`] makes it.
     pub fn finish_light_gradient(&self, lit: &N::Lit, sum: &[f32]) -> [f32; MAX_PARAMS] {
-        self.network.finish_light_gradient(self.context(), &self.packed, lit, sum)
+        self.network.finish_light_gradient(self.isa, &self.packed, lit, sum)
     }
 
-    fn context(&self) -> NetworkContext<'_> {
-        NetworkContext { isa: self.isa, scene: &self.scene, params: &self.params }
+    /// Values of a tile.
+    fn tile_len(&self) -> usize {
+        self.network.pixel_rows() * LANES
     }
 
     /// All pixels, `scale * max(output, 0)`.
     pub fn forward(&self, light: &LightParams, scale: f32, out: &mut [[f32; 3]]) {
-        let lit = self.network.light(self.context(), &self.packed, light);
-        let size = self.network.pixel_rows() * LANES;
-        let tasks = out.par_chunks_mut(TASK_TILES * LANES).zip(self.encoded.par_chunks(TASK_TILES * size));
-        tasks.for_each_init(
-            || self.network.light_scratch(),
-            |scratch, (out, encoded)| {
+        let lit = self.network.light(self.isa, &self.params, &self.packed, light);
+        out.par_chunks_mut(TASK_TILES * LANES).enumerate().for_each_init(
+            || (self.network.light_scratch(), AlignedVec::zeros(self.tile_len())),
+            |(scratch, encoded), (task, out)| {
                 for (tile, out) in out.chunks_mut(LANES).enumerate() {
-                    let (encoded, next) = encoded[tile * size..].split_at(size);
-                    prefetch(&next[..size.min(next.len())]);
+                    self.encoded.expand(task * TASK_TILES + tile, encoded);
                     let mut y = [0.0; TILE];
                     self.network.infer(self.isa, &self.packed, &lit, scratch, encoded, &mut y);
                     write_pixels(&y, scale, out);
@@ -85,14 +82,13 @@ impl<N: Network> Evaluator<N> {
 
     /// Some pixels, `scale * max(output, 0)`.
     pub fn forward_pixels(&self, pixels: &[u32], light: &LightParams, scale: f32, out: &mut [[f32; 3]]) {
-        let lit = self.network.light(self.context(), &self.packed, light);
-        let size = self.network.pixel_rows() * LANES;
+        let lit = self.network.light(self.isa, &self.params, &self.packed, light);
         let task = TASK_TILES * LANES;
         out.par_chunks_mut(task).zip(pixels.par_chunks(task)).for_each_init(
-            || (self.network.light_scratch(), AlignedVec::zeros(size)),
+            || (self.network.light_scratch(), AlignedVec::zeros(self.tile_len())),
             |(scratch, encoded), (out, pixels)| {
                 for (out, pixels) in out.chunks_mut(LANES).zip(pixels.chunks(LANES)) {
-                    self.collect(pixels, encoded);
+                    self.encoded.collect(pixels, encoded);
                     let mut y = [0.0; TILE];
                     self.network.infer(self.isa, &self.packed, &lit, scratch, encoded, &mut y);
                     write_pixels(&y, scale, out);
@@ -110,18 +106,18 @@ impl<N: Network> Evaluator<N> {
         (scale, d_scale): (f32, [f32; MAX_PARAMS]),
         d_pixels: &[[f32; 3]],
     ) -> [f32; MAX_PARAMS] {
-        let lit = self.network.light(self.context(), &self.packed, light);
-        let (size, len) = (self.network.pixel_rows() * LANES, self.network.light_gradient_len());
+        let lit = self.network.light(self.isa, &self.params, &self.packed, light);
+        let len = self.network.light_gradient_len();
         let task = TASK_TILES * LANES;
         let partial: Vec<(Vec<f32>, f32)> = pixels
             .par_chunks(task)
             .zip(d_pixels.par_chunks(task))
             .map_init(
-                || (self.network.light_scratch(), AlignedVec::zeros(size)),
+                || (self.network.light_scratch(), AlignedVec::zeros(self.tile_len())),
                 |(scratch, encoded), (pixels, d_pixels)| {
                     let (mut sums, mut by_scale) = (vec![0.0; len], 0.0);
                     for (pixels, d_pixels) in pixels.chunks(LANES).zip(d_pixels.chunks(LANES)) {
-                        self.collect(pixels, encoded);
+                        self.encoded.collect(pixels, encoded);
                         let mut d_of = |y: &[f32], d: &mut [f32]| {
                             for (lane, d_pixel) in d_pixels.iter().enumerate() {
                                 for (channel, d_value) in d_pixel.iter().enumerate() {
@@ -152,20 +148,8 @@ impl<N: Network> Evaluator<N> {
                 *sum += part;
             }
         }
-        let gradient = self.network.finish_light_gradient(self.context(), &self.packed, &lit, &sums);
+        let gradient = self.network.finish_light_gradient(self.isa, &self.packed, &lit, &sums);
         std::array::from_fn(|i| gradient[i] + by_scale * d_scale[i])
-    }
-
-    /// Brings the encoded values of some pixels into one tile; lanes past the last repeat it.
-    fn collect(&self, pixels: &[u32], out: &mut [f32]) {
-        let rows = self.network.pixel_rows();
-        for lane in 0..LANES {
-            let pixel = pixels[lane.min(pixels.len() - 1)] as usize;
-            let start = pixel / LANES * rows * LANES + pixel % LANES;
-            for row in 0..rows {
-                out[row * LANES + lane] = self.encoded[start + row * LANES];
-            }
-        }
     }
 
     /// Pixels of the whole image.

@@ -37,6 +37,7 @@
 mod analytic;
 mod checkpoint;
 mod config;
+mod encoded;
 mod encoding;
 mod error;
 mod evaluate;

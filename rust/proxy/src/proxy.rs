@@ -5,6 +5,7 @@ use relume_image::Image;
 use relume_scene::LightShape;
 use serde::{Deserialize, Serialize};
 
+use crate::encoded::EncodedTiles;
 use crate::encoding::{LightEncoding, OutputScale};
 use crate::evaluate::Evaluator;
 use crate::gpu::{DeviceNetwork, OnDevice, Parts};
@@ -93,11 +94,11 @@ impl Proxy {
         let engine = match &info.network {
             NetworkConfig::Reference { width, layers, grid } => {
                 let network = ReferenceNetwork::new(*width, *layers, grid, info.image, light);
-                Engine::Reference(Box::new(Evaluator::new(network, params, scene, count, isa)))
+                Engine::Reference(Box::new(Evaluator::new(network, params, &scene, count, isa)))
             }
             NetworkConfig::Fast { width, layers, grid } => {
                 let network = FastNetwork::new(*width, *layers, grid, info.image, light);
-                Engine::Fast(Box::new(Evaluator::new(network, params, scene, count, isa)))
+                Engine::Fast(Box::new(Evaluator::new(network, params, &scene, count, isa)))
             }
         };
         Self { info: Arc::new(info), features, engine: Arc::new(engine) }
@@ -124,7 +125,7 @@ impl Proxy {
     }
 
     /// The encoded pixels, in tiles of [`DeviceNetwork::pixel_rows`].
-    pub(crate) fn encoded(&self) -> &[f32] {
+    pub(crate) fn encoded(&self) -> &EncodedTiles {
         with_evaluator!(self, e => e.encoded())
     }
 

@@ -7,7 +7,6 @@ use super::network::{Matrix, Parts};
 use super::proxy::{GpuProxy, grow};
 use crate::analytic::{FEATURES, PixelSurface, Real, features, scaled_params};
 use crate::scene_cache::{FACTOR, SURFACE};
-use crate::simd::LANES;
 use crate::{LightParams, Proxy, ProxyError};
 
 /// Most pixels of an image that are compared.
@@ -60,7 +59,7 @@ fn exact_pixels(proxy: &Proxy, pixels: &[u32], light: &LightParams) -> Vec<[f64;
     let scale = f64::from(info.output_scale.of(light).0);
     let parts = proxy.parts();
     let of_pixel = |&pixel: &u32| {
-        let row = encoded_row(proxy.encoded(), parts.pixel_rows, pixel as usize);
+        let row: Vec<f64> = proxy.encoded().pixel(pixel as usize).map(f64::from).collect();
         let surface = &row[parts.pixel_rows - SURFACE..];
         let seen = features(info.kind, &params, &surface_of(surface));
         let values = parts.outputs(&row, &seen, &modulation);
@@ -68,12 +67,6 @@ fn exact_pixels(proxy: &Proxy, pixels: &[u32], light: &LightParams) -> Vec<[f64;
         std::array::from_fn(|channel| scale * (values[channel] * factor(channel)).max(0.0))
     };
     pixels.par_iter().map(of_pixel).collect()
-}
-
-/// One of the pixels in tiles of `[row][LANES]`.
-fn encoded_row(encoded: &[f32], rows: usize, pixel: usize) -> Vec<f64> {
-    let tile = &encoded[pixel / LANES * rows * LANES..];
-    (0..rows).map(|row| f64::from(tile[row * LANES + pixel % LANES])).collect()
 }
 
 fn surface_of(rows: &[f64]) -> PixelSurface<f64> {

@@ -9,6 +9,7 @@ use super::gradient::GradientKernels;
 use super::matrices::ByMatrices;
 use crate::analytic::scaled_params;
 use crate::proxy::check_length;
+use crate::simd::LANES;
 use crate::{LightKind, LightParams, Proxy, ProxyError};
 
 /// Workgroup memory that kernels count on, bytes: what every card has, and small enough for several workgroups at a time.
@@ -374,12 +375,12 @@ impl GpuProxy {
 fn parts(gpu: &Gpu, proxy: &Proxy, rows: usize, bytes: u64) -> Result<Vec<EncodedPixels>, GpuError> {
     let most = ((bytes / (4 * rows as u64)) as usize / PART_PIXELS * PART_PIXELS).max(PART_PIXELS);
     let count = proxy.features().pixel_count();
-    let part = |(number, values): (usize, &[f32])| {
-        let first = number * most;
-        let encoded = gpu.buffer_of("encoded pixels", values)?;
-        Ok(EncodedPixels { pixels: first..count.min(first + most), encoded })
+    let part = |first: usize| {
+        let pixels = first..count.min(first + most);
+        let values = proxy.encoded().tiles(first / LANES..pixels.end.div_ceil(LANES));
+        Ok(EncodedPixels { pixels, encoded: gpu.buffer_of("encoded pixels", &values)? })
     };
-    proxy.encoded().chunks(most * rows).enumerate().map(part).collect()
+    (0..count).step_by(most).map(part).collect()
 }
 
 fn add_inference(commands: &mut Commands<'_>, bound: &Bound, tile: usize, lights: usize, count: usize) {

@@ -135,7 +135,7 @@ pub(crate) fn predictions<N: Network>(network: &N, setup: &Setup, params: &[f32]
         let group = tile / batch.slots;
         let pixels = &batch.pixels[group * LANES..(group + 1) * LANES];
         network.encode_pixels(context, &packed, pixels, &mut encoded);
-        let lit = network.light(context, &packed, &batch.lights[tile]);
+        let lit = network.light(context.isa, params, &packed, &batch.lights[tile]);
         network.infer(context.isa, &packed, &lit, &mut scratch, &encoded, y);
     }
     out
@@ -193,7 +193,7 @@ fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, wh
     let mut rng = Rng::stream(2, 7, 1);
     let coefficients: Vec<f32> = (0..TILE).map(|_| rng.next_normal()).collect();
     for light in batch(setup, 1, 4).lights.iter().take(4) {
-        let lit = network.light(context, &packed, light);
+        let lit = network.light(context.isa, &params, &packed, light);
         let mut sums = vec![0.0; network.light_gradient_len()];
         let mut magnitude = 0.0;
         let mut d_of = |y: &[f32], d: &mut [f32]| {
@@ -201,12 +201,12 @@ fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, wh
             d.copy_from_slice(&coefficients);
         };
         network.light_backward(context.isa, &packed, &lit, &mut scratch, &encoded, &mut d_of, &mut sums);
-        let gradient = network.finish_light_gradient(context, &packed, &lit, &sums);
+        let gradient = network.finish_light_gradient(context.isa, &packed, &lit, &sums);
 
         for lane in 0..light.as_slice().len() {
             let step = 8e-3;
             let value = |by: f32| {
-                let lit = network.light(context, &packed, &moved(light, lane, by));
+                let lit = network.light(context.isa, &params, &packed, &moved(light, lane, by));
                 let mut y = [0.0; TILE];
                 network.infer(context.isa, &packed, &lit, &mut scratch, &encoded, &mut y);
                 y.iter().zip(&coefficients).map(|(y, c)| f64::from(*y) * f64::from(*c)).sum::<f64>()

@@ -254,6 +254,10 @@ impl Network for FastNetwork {
         self.trunk.outputs() + SURFACE
     }
 
+    fn exact_rows(&self) -> usize {
+        SURFACE
+    }
+
     fn encode_pixels(
         &self,
         context: NetworkContext<'_>,
@@ -278,16 +282,16 @@ impl Network for FastNetwork {
         }
     }
 
-    fn light(&self, context: NetworkContext<'_>, packed: &PackedFast, light: &LightParams) -> LitFast {
+    fn light(&self, isa: Isa, params: &[f32], packed: &PackedFast, light: &LightParams) -> LitFast {
         let mut scratch = self.encoder.scratch(1);
         let input = scratch.input_mut(&self.encoder, 0);
         for (row, value) in input.chunks_exact_mut(LANES).zip(self.light.encode(light)) {
             row.fill(value);
         }
-        self.encoder.forward(context.isa, &packed.encoder, &mut scratch, 1);
+        self.encoder.forward(isa, &packed.encoder, &mut scratch, 1);
         let output = scratch.output(&self.encoder, 0).chunks_exact(LANES).map(|row| row[0]);
         let modulation: Modulation = output.collect();
-        let head = self.head.fold(&self.layout, context.params, &modulation);
+        let head = self.head.fold(&self.layout, params, &modulation);
         LitFast { light: *light, modulation, head }
     }
 
@@ -338,7 +342,7 @@ impl Network for FastNetwork {
 
     fn finish_light_gradient(
         &self,
-        context: NetworkContext<'_>,
+        isa: Isa,
         packed: &PackedFast,
         lit: &LitFast,
         gradient: &[f32],
@@ -349,13 +353,13 @@ impl Network for FastNetwork {
         for (row, value) in input.chunks_exact_mut(LANES).zip(self.light.encode(&lit.light)) {
             row[0] = value;
         }
-        self.encoder.forward(context.isa, &packed.encoder, &mut scratch, 1);
+        self.encoder.forward(isa, &packed.encoder, &mut scratch, 1);
         let d = scratch.output_gradient(&self.encoder, 0);
         for (row, value) in d.chunks_exact_mut(LANES).zip(d_modulation) {
             row.fill(0.0);
             row[0] = *value;
         }
-        self.encoder.backward(context.isa, &self.layout, &packed.encoder, &mut scratch, 1, None, true);
+        self.encoder.backward(isa, &self.layout, &packed.encoder, &mut scratch, 1, None, true);
         let d_inputs: Vec<f32> =
             scratch.input_gradient(&self.encoder, 0).chunks_exact(LANES).map(|row| row[0]).collect();
         let through_encoder = self.light.backward(&lit.light, &d_inputs);

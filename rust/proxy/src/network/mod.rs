@@ -19,7 +19,7 @@ pub(crate) const CHUNK_TILES: usize = 32;
 /// Samples of a chunk.
 pub(crate) const CHUNK: usize = CHUNK_TILES * LANES;
 
-/// Context of every call of a network.
+/// Context of calls that see pixels.
 #[derive(Clone, Copy)]
 pub(crate) struct NetworkContext<'a> {
     pub isa: Isa,
@@ -83,6 +83,8 @@ pub(crate) trait Network: Sync {
 
     /// Rows of [`Network::encode_pixels`].
     fn pixel_rows(&self) -> usize;
+    /// Last rows of these, for which 16 bits are too few.
+    fn exact_rows(&self) -> usize;
     /// Encodes 32 pixels without knowing the light, into a tile of [`Network::pixel_rows`] rows.
     fn encode_pixels(
         &self,
@@ -94,7 +96,7 @@ pub(crate) trait Network: Sync {
 
     fn light_scratch(&self) -> Self::LightScratch;
     /// Computes what depends on the light alone.
-    fn light(&self, context: NetworkContext<'_>, packed: &Self::Packed, light: &LightParams) -> Self::Lit;
+    fn light(&self, isa: Isa, params: &[f32], packed: &Self::Packed, light: &LightParams) -> Self::Lit;
     /// Outputs of one encoded tile, three rows.
     fn infer(
         &self,
@@ -123,7 +125,7 @@ pub(crate) trait Network: Sync {
     /// Turns the sum over all tiles into the gradient by the light's parameters.
     fn finish_light_gradient(
         &self,
-        context: NetworkContext<'_>,
+        isa: Isa,
         packed: &Self::Packed,
         lit: &Self::Lit,
         gradient: &[f32],

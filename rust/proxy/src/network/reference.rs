@@ -147,6 +147,10 @@ impl Network for ReferenceNetwork {
         self.grid.outputs() + AUX_PAPER
     }
 
+    fn exact_rows(&self) -> usize {
+        0
+    }
+
     fn encode_pixels(
         &self,
         context: NetworkContext<'_>,
@@ -162,7 +166,7 @@ impl Network for ReferenceNetwork {
         ReferenceLightScratch { infer: InferScratch::new(&self.mlp), train: self.mlp.scratch(1) }
     }
 
-    fn light(&self, _context: NetworkContext<'_>, _packed: &PackedMlp, light: &LightParams) -> LitReference {
+    fn light(&self, _isa: Isa, _params: &[f32], _packed: &PackedMlp, light: &LightParams) -> LitReference {
         LitReference { light: *light, inputs: self.light.encode(light) }
     }
 
@@ -212,7 +216,7 @@ impl Network for ReferenceNetwork {
 
     fn finish_light_gradient(
         &self,
-        _context: NetworkContext<'_>,
+        _isa: Isa,
         _packed: &PackedMlp,
         lit: &LitReference,
         gradient: &[f32],

@@ -202,17 +202,5 @@ pub(crate) fn modulate_backward(
     dispatch!(isa, modulate_backward(z, gamma, d, d_gamma, d_beta));
 }
 
-/// Asks for values that are needed soon, so that a stream from outer caches does not hold up the kernels.
-pub(crate) fn prefetch(values: &[f32]) {
-    #[cfg(target_arch = "x86_64")]
-    for line in values.chunks(16) {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: a prefetch reads nothing that the program can see, and SSE is part of x86-64.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = values;
-}
-
 #[cfg(test)]
 mod tests;
