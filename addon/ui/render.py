@@ -42,6 +42,12 @@ class RelumeRenderSettings(bpy.types.PropertyGroup):
         description="A pass for each light, and for static light and world, to mix them in the compositor",
         default=True,
     )
+    lobe_passes: BoolProperty(
+        name="Lobes of Lights",
+        description="Passes of each light by lobes, such as 'Diffuse Direct_Key', that add up to its pass. They hold "
+        "light, not light divided by colour. Lights are summed over the bake's paths then",
+        default=False,
+    )
 
 
 class RelumeRenderEngine(bpy.types.RenderEngine):
@@ -85,6 +91,7 @@ def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSet
     return PassSettings(
         longest=longest_in_file(layer.name) if bpy.app.version < (5, 0, 0) else LONGEST,
         lights=scene.relume_render.light_passes,
+        lobes=scene.relume_render.lobe_passes,
         depth=layer.use_pass_z,
         normal=layer.use_pass_normal,
         albedo=layer.use_pass_diffuse_color,
@@ -143,6 +150,9 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column(heading="Include")
         column.prop(context.scene.relume_render, "light_passes")
+        lobes = column.column()
+        lobes.active = context.scene.relume_render.light_passes
+        lobes.prop(context.scene.relume_render, "lobe_passes")
         column.prop(layer, "use_pass_z", text="Depth")
         column.prop(layer, "use_pass_normal", text="Normal")
         column.prop(layer, "use_pass_diffuse_color", text="Diffuse Colour")

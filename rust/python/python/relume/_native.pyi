@@ -354,10 +354,12 @@ class Relighter:
         catcher_apart: bool = False,
         maker: Literal["auto", "gather", "proxy"] = "auto",
         denoise: bool = True,
+        lobes: bool = False,
     ) -> dict[str, Any]:
         """Pictures under a light set (JSON; the scene's lights if None): scene-linear arrays [height, width, channels],
         top row first: combined, static, world, albedo, normal, depth, alpha, shadow_catcher where there is one, and
-        lights by name. Gains are RGB factors on the scene's own light and on that of the world. Apart, what shadow
+        lights by name. With lobes also those: by light, then by part ("Diffuse Direct"), which add up to the light; they
+        need a bake. Gains are RGB factors on the scene's own light and on that of the world. Apart, what shadow
         catchers show is not in the combined picture and its alpha."""
 
     def prepare(
@@ -366,6 +368,7 @@ class Relighter:
         *,
         maker: Literal["auto", "gather", "proxy"] = "auto",
         denoise: bool = True,
+        lobes: bool = False,
     ) -> Job:
         """Makes each light's picture ahead, with progress and cancel; `relight` with the same arguments only sums."""
 
