@@ -74,6 +74,7 @@ def room(scene):
     sheet = add_quad(scene, "Sheet", size=0.7, material=veil)
     sheet.location = (-0.5, 0.6, 0.6)
     add_light(scene, "POINT", name="Key", location=(0.1, 0.1, 1.6), energy=120.0, shadow_soft_size=0.25)
+    scene.objects["Key"].visible_camera = True
     scene.render.resolution_x, scene.render.resolution_y = 64, 48
     return scene
 

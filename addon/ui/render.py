@@ -13,7 +13,7 @@ from ..core.pass_names import LONGEST, STATIC, WORLD, light_passes, longest_in_f
 from ..core.rows import LIGHT
 from ..engine.reading import render_depsgraph
 from ..engine.render import render_engine
-from ..engine.render.data_passes import DataPassSettings
+from ..engine.render.data_passes import DataPassSettings, why_no_vector
 from ..engine.render.render_engine import ENGINE, PassSettings
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_tree
@@ -95,7 +95,7 @@ def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSet
         depth=layer.use_pass_z,
         normal=layer.use_pass_normal,
         albedo=layer.use_pass_diffuse_color,
-        data=DataPassSettings.of(layer),
+        data=DataPassSettings.of(scene, layer),
         shadow_catcher=hasattr(layer, "cycles") and layer.cycles.use_pass_shadow_catcher,
     )
 
@@ -161,6 +161,9 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         column = layout.column(heading="Data")
         column.prop(layer, "use_pass_position", text="Position")
         column.prop(layer, "use_pass_uv", text="UV")
+        vector = column.column()
+        vector.active = not why_no_vector(context.scene)
+        vector.prop(layer, "use_pass_vector", text="Vector")
         column.prop(layer, "use_pass_object_index", text="Object Index")
         column.prop(layer, "use_pass_material_index", text="Material Index")
         column.prop(layer, "pass_alpha_threshold")
@@ -169,7 +172,7 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         column.prop(layer, "use_pass_cryptomatte_material", text="Material")
         column.prop(layer, "use_pass_cryptomatte_asset", text="Asset")
         levels = layout.column()
-        levels.active = any(DataPassSettings.of(layer).mattes)
+        levels.active = any(DataPassSettings.of(context.scene, layer).mattes)
         levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
         layout.operator(RELUME_OT_set_up_compositing.bl_idname, icon="NODE_COMPOSITING")
 

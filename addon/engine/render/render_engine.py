@@ -130,16 +130,19 @@ class _FinalRender:
         if words := why_no_picture(self.scene):
             raise RuntimeError(words)
         self._say("Reading the scene", 0.0)
-        size = film_size(self.scene.render)
-        exported = scene_of_depsgraph(self.engine, self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
+        exported = self._exported()
         for text in grouped(tuple(exported.warnings)):
             self._warn(text)
-        if words := unwritten_passes(self.depsgraph.view_layer):
+        if words := unwritten_passes(self.scene, self.depsgraph.view_layer):
             self._warn(words)
         lights = self._mixed(json.loads(exported.lights()))
         with self._baked(exported, lights) as relighter:
             picture = self._relit(relighter, lights, exported.world_color)
         self._write(picture, self._data_layers(exported) if self.passes.data else {})
+
+    def _exported(self) -> Any:
+        options = ExportOptions(resolution=film_size(self.scene.render))
+        return scene_of_depsgraph(self.engine, self.depsgraph, options, self._is_stopped)
 
     @contextmanager
     def _baked(self, exported: Any, lights: list[dict[str, Any]]) -> Iterator[Any]:
@@ -245,7 +248,8 @@ class _FinalRender:
         """Data passes, with what the file tells of them."""
         wanted, settings = self.passes.data, self._settings(lambda _: None)
         assets = assets_of(self.depsgraph)
-        traced = wanted.trace(exported, json.dumps(settings), self.options.samples, assets)
+        frames = self._next_frames() if wanted.vector else None
+        traced = wanted.trace(exported, json.dumps(settings), self.options.samples, assets, frames)
         self._wait(native().Job(traced.job), 1.0, 1.0, self._warn)
         objects, materials = traced.names()
         names = {
@@ -259,6 +263,17 @@ class _FinalRender:
                 # Those of `begin_result` would be lost.
                 self.engine.get_result().stamp_data_add_field(field, value)
         return wanted.layers(traced.pictures())
+
+    def _next_frames(self) -> tuple[Any, Any]:
+        """The scene at the frame before and at the one after."""
+        frame, part = self.scene.frame_current, self.scene.frame_subframe
+        try:
+            self.engine.frame_set(frame - 1, subframe=part)
+            before = self._exported()
+            self.engine.frame_set(frame + 1, subframe=part)
+            return before, self._exported()
+        finally:
+            self.engine.frame_set(frame, subframe=part)
 
     def _wait(self, job: Any, start: float, end: float, warn: Callable[[str], None]) -> None:
         """Watches a job of the native module; Esc ends it."""

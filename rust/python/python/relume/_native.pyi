@@ -295,15 +295,17 @@ class DataPasses:
         ranks: int = 6,
         alpha_threshold: float = 0.5,
         assets: dict[str, str] = ...,
+        frames: tuple[Scene, Scene] | None = None,
     ) -> None:
         """Starts the job. Ranks are the objects or materials that a matte tells apart in a pixel, 1 to 16; assets the
         names of those that objects belong to, where they are other ones. Positions and indices are those of the first
-        surface whose alpha reaches the threshold."""
+        surface whose alpha reaches the threshold. The scene at the frames before and after tells how far that moves."""
 
     @property
     def job(self) -> Job: ...
     def pictures(self) -> dict[str, NDArray[np.float32]]:
         """[H, W, C] once the job is done, a single time: position [3] in metres, object_index and material_index [1];
+        vector [4], the way in pixels since the frame before and to the one after, with Cycles' signs;
         uv [3], a mean over the samples as the mattes are, its last channel the share that has coordinates; and the
         mattes objects, materials and assets [2 a rank], each rank an identifier and its share of the pixel
         (Cryptomatte)."""
