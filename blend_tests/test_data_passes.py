@@ -1,4 +1,4 @@
-"""Data passes of F12 against those of Cycles: positions, UV, pass indices, Cryptomatte and its metadata."""
+"""Data passes of F12 against those of Cycles: positions, UV, motion, pass indices, Cryptomatte and its metadata."""
 
 import json
 import struct
@@ -219,7 +219,6 @@ def test_vectors_are_those_of_cycles(shot, tmp_path):
     both = seen[0] & seen[1]
     assert (seen[0] ^ seen[1]).mean() < 0.02 and 0.3 < both.mean() < 0.95
     difference = np.abs(ours - theirs)[:, both]
-    print("vector", difference.mean(), difference.max(), (difference.max(axis=0) < 1e-3).mean(), np.abs(ours).mean(axis=(1,2)))
     assert difference.mean() < 0.003 and difference.max() < 0.3
     before, after = ours[:2], ours[2:]
     assert np.abs(before - after).max() > 0.05, "the two ways differ"

@@ -360,7 +360,7 @@ class Relighter:
     ) -> dict[str, Any]:
         """Pictures under a light set (JSON; the scene's lights if None): scene-linear arrays [height, width, channels],
         top row first: combined, static, world, albedo, normal, depth, alpha, shadow_catcher where there is one, and
-        lights by name. With lobes also those: by light, then by part ("Diffuse Direct"), which add up to the light; they
+        lights by name. With lobes also those: by light, then by part ("Diffuse Direct"), which add up to the light and
         need a bake. Gains are RGB factors on the scene's own light and on that of the world. Apart, what shadow
         catchers show is not in the combined picture and its alpha."""
 
