@@ -1,4 +1,4 @@
-"""Data passes of F12 against those of Cycles: positions, UV, pass indices, Cryptomatte and its metadata."""
+"""Data passes of F12 against those of Cycles: positions, UV, motion, pass indices, Cryptomatte and its metadata."""
 
 import json
 import struct
@@ -14,6 +14,8 @@ from addon.engine.render.data_passes import (
     OBJECT_INDEX,
     POSITION,
     TEXTURE_COORDINATES,
+    VECTOR,
+    DataPassSettings,
 )
 from addon.engine.render.unwritten_passes import unwritten_passes
 from exr import read_exr, read_fields
@@ -169,12 +171,12 @@ def test_uv_are_those_of_cycles_of_the_map_that_renders_use(shot, tmp_path):
 
 def test_passes_that_are_not_written_are_named(shot):
     layer = shot.view_layers[0]
-    assert unwritten_passes(layer) == ""
-    layer.use_pass_vector = layer.use_pass_mist = True
+    assert unwritten_passes(shot, layer) == ""
+    layer.use_pass_environment = layer.use_pass_mist = True
     layer.aovs.add().name = "Dirt"
     layer.lightgroups.add(name="Keys")
-    words = unwritten_passes(layer)
-    assert words.startswith(f"view layer '{LAYER}'") and "'Vector', 'Mist', 'Dirt' and 1 more" in words
+    words = unwritten_passes(shot, layer)
+    assert words.startswith(f"view layer '{LAYER}'") and "'Mist', 'Environment', 'Dirt' and 1 more" in words
 
 
 def test_passes_that_nobody_wants_are_not_traced(shot, tmp_path, monkeypatch):
@@ -185,3 +187,49 @@ def test_passes_that_nobody_wants_are_not_traced(shot, tmp_path, monkeypatch):
     monkeypatch.setattr(addon.engine.render.render_engine.DataPassSettings, "trace", None)
     channels, fields = render(shot, tmp_path, "RELUME")
     assert not fields and not any(name.startswith(("Crypto", POSITION)) for name in channels)
+
+
+def test_vectors_are_those_of_cycles(shot, tmp_path):
+    layer = shot.view_layers[0]
+    layer.use_pass_vector = True
+    layer.use_pass_cryptomatte_object = layer.use_pass_cryptomatte_material = layer.use_pass_cryptomatte_asset = False
+    shot.frame_set(5)
+    for obj, frame, place in (
+        (shot.camera, 3, (0.1, 0.0, 5.0)),
+        (shot.camera, 8, (-0.2, 0.1, 4.6)),
+        (shot.objects["Card"], 3, (-0.4, 0.2, 0.4)),
+        (shot.objects["Card"], 8, (-0.1, 0.5, 0.6)),
+    ):
+        obj.location = place
+        obj.keyframe_insert("location", frame=frame)
+    veil = shot.objects["Veil é"]
+    veil.shape_key_add(name="Basis")
+    key = veil.shape_key_add(name="Wide")
+    for point in key.data:
+        point.co.x *= 1.5
+    for frame, value in ((3, 0.0), (8, 1.0)):
+        key.value = value
+        key.keyframe_insert("value", frame=frame)
+    shot.frame_set(5)
+    found = [render(shot, tmp_path, engine)[0] for engine in ("RELUME", "CYCLES")]
+    ours, theirs = (np.stack([one[f"{VECTOR}.{axis}"] for axis in "XYZW"]) for one in found)
+    assert np.abs(ours).max() > 1.0 and shot.frame_current == 5
+    # Pixels that few rays meet may have none of the one or of the other.
+    seen = [(picture != 0.0).any(axis=0) for picture in (ours, theirs)]
+    both = seen[0] & seen[1]
+    assert (seen[0] ^ seen[1]).mean() < 0.02 and 0.3 < both.mean() < 0.95
+    difference = np.abs(ours - theirs)[:, both]
+    assert difference.mean() < 0.003 and difference.max() < 0.3
+    before, after = ours[:2], ours[2:]
+    assert np.abs(before - after).max() > 0.05, "the two ways differ"
+
+
+def test_vectors_with_motion_blur_and_of_panoramas_are_named(shot):
+    layer = shot.view_layers[0]
+    layer.use_pass_vector = True
+    assert DataPassSettings.of(shot, layer).vector
+    shot.render.use_motion_blur = True
+    assert "'Vector (with motion blur)'" in unwritten_passes(shot, layer)
+    shot.render.use_motion_blur, shot.camera.data.type = False, "PANO"
+    assert "'Vector (of a panoramic camera)'" in unwritten_passes(shot, layer)
+    assert not DataPassSettings.of(shot, layer).vector

@@ -13,6 +13,12 @@ AOVS = {DEPTH: "depth", NORMAL: "normal", ALBEDO: "albedo"}
 """Passes that no light changes, and what the native module calls them."""
 LONGEST = 63
 """Bytes after which Blender cuts the name of a pass."""
+LOBES = (
+    "Emission",
+    *("Diffuse Direct", "Diffuse Indirect", "Glossy Direct", "Glossy Indirect"),
+    *("Transmission Direct", "Transmission Indirect", "Volume Direct", "Volume Indirect"),
+)
+"""Parts of a light's picture, as the native module calls them."""
 SHORTEST = len("Combined_") + 8
 """Least length of a pass name, in bytes, under a layer whose own name leaves less. Blender may cut such names."""
 
@@ -22,11 +28,12 @@ def longest_in_file(layer: str) -> int:
     return max(LONGEST - len(layer.encode()) - len("..R"), SHORTEST)
 
 
-def light_passes(lights: Iterable[str], longest: int = LONGEST) -> dict[str, str]:
-    """`Combined_<light>` of each light by its name. As they stand in an EXR file (ASCII, no dots), with a number if
-    another light has the name: the rule of `relume relight`, in so many bytes."""
+def light_passes(lights: Iterable[str], longest: int = LONGEST, part: str = COMBINED) -> dict[str, str]:
+    """`Combined_<light>` of each light by its name, or that of a part. As they stand in an EXR file (ASCII, no dots),
+    with a number if another light has the name: the rule of `relume relight`, in so many bytes."""
     taken: set[str] = set()
-    return {light: f"Combined_{_free_name(light, taken, longest - len('Combined_'))}" for light in lights}
+    room = max(longest - len(f"{part}_"), SHORTEST - len("Combined_"))
+    return {light: f"{part}_{_free_name(light, taken, room)}" for light in lights}
 
 
 def only(content: dict[str, Any], name: str) -> dict[str, Any] | None:

@@ -13,7 +13,7 @@ from ..core.pass_names import LONGEST, STATIC, WORLD, light_passes, longest_in_f
 from ..core.rows import LIGHT
 from ..engine.reading import render_depsgraph
 from ..engine.render import render_engine
-from ..engine.render.data_passes import DataPassSettings
+from ..engine.render.data_passes import DataPassSettings, why_no_vector
 from ..engine.render.render_engine import ENGINE, PassSettings
 from ..engine.shot import shot as shots
 from ..export.light_tree import light_tree
@@ -41,6 +41,12 @@ class RelumeRenderSettings(bpy.types.PropertyGroup):
         name="Lights",
         description="A pass for each light, and for static light and world, to mix them in the compositor",
         default=True,
+    )
+    lobe_passes: BoolProperty(
+        name="Lobes of Lights",
+        description="Passes of each light by lobes, such as 'Diffuse Direct_Key', that add up to its pass. They hold "
+        "light, not light divided by colour. Lights are summed over the bake's paths then",
+        default=False,
     )
 
 
@@ -85,10 +91,11 @@ def pass_settings(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> PassSet
     return PassSettings(
         longest=longest_in_file(layer.name) if bpy.app.version < (5, 0, 0) else LONGEST,
         lights=scene.relume_render.light_passes,
+        lobes=scene.relume_render.lobe_passes,
         depth=layer.use_pass_z,
         normal=layer.use_pass_normal,
         albedo=layer.use_pass_diffuse_color,
-        data=DataPassSettings.of(layer),
+        data=DataPassSettings.of(scene, layer),
         shadow_catcher=hasattr(layer, "cycles") and layer.cycles.use_pass_shadow_catcher,
     )
 
@@ -143,6 +150,9 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         layout.use_property_split, layout.use_property_decorate = True, False
         column = layout.column(heading="Include")
         column.prop(context.scene.relume_render, "light_passes")
+        lobes = column.column()
+        lobes.active = context.scene.relume_render.light_passes
+        lobes.prop(context.scene.relume_render, "lobe_passes")
         column.prop(layer, "use_pass_z", text="Depth")
         column.prop(layer, "use_pass_normal", text="Normal")
         column.prop(layer, "use_pass_diffuse_color", text="Diffuse Colour")
@@ -151,6 +161,9 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         column = layout.column(heading="Data")
         column.prop(layer, "use_pass_position", text="Position")
         column.prop(layer, "use_pass_uv", text="UV")
+        vector = column.column()
+        vector.active = not why_no_vector(context.scene)
+        vector.prop(layer, "use_pass_vector", text="Vector")
         column.prop(layer, "use_pass_object_index", text="Object Index")
         column.prop(layer, "use_pass_material_index", text="Material Index")
         column.prop(layer, "pass_alpha_threshold")
@@ -159,7 +172,7 @@ class RELUME_PT_passes(bpy.types.Panel):  # noqa: N801 -- Blender's naming
         column.prop(layer, "use_pass_cryptomatte_material", text="Material")
         column.prop(layer, "use_pass_cryptomatte_asset", text="Asset")
         levels = layout.column()
-        levels.active = any(DataPassSettings.of(layer).mattes)
+        levels.active = any(DataPassSettings.of(context.scene, layer).mattes)
         levels.prop(layer, "pass_cryptomatte_depth", text="Levels")
         layout.operator(RELUME_OT_set_up_compositing.bl_idname, icon="NODE_COMPOSITING")
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..native import native
 
-POSITION, TEXTURE_COORDINATES = "Position", "UV"
+POSITION, TEXTURE_COORDINATES, VECTOR = "Position", "UV", "Vector"
 OBJECT_INDEX, MATERIAL_INDEX = (
     ("IndexOB", "IndexMA") if bpy.app.version < (5, 0, 0) else ("Object Index", "Material Index")
 )
@@ -29,6 +29,8 @@ class DataPassSettings:
 
     position: bool = False
     uv: bool = False
+    vector: bool = False
+    """The way of what a pixel shows since the frame before and to the one after."""
     object_index: bool = False
     material_index: bool = False
     mattes: tuple[str, ...] = ()
@@ -39,8 +41,8 @@ class DataPassSettings:
     """Positions and indices are those of the first surface whose alpha reaches it."""
 
     @classmethod
-    def of(cls, layer: bpy.types.ViewLayer) -> DataPassSettings:
-        """Those that the artist has chosen for a view layer."""
+    def of(cls, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> DataPassSettings:
+        """Those that the artist has chosen for a view layer of a scene."""
         wanted = (
             layer.use_pass_cryptomatte_object,
             layer.use_pass_cryptomatte_material,
@@ -49,6 +51,7 @@ class DataPassSettings:
         return cls(
             position=layer.use_pass_position,
             uv=layer.use_pass_uv,
+            vector=layer.use_pass_vector and not why_no_vector(scene),
             object_index=layer.use_pass_object_index,
             material_index=layer.use_pass_material_index,
             mattes=tuple(name for name, is_wanted in zip(MATTES, wanted, strict=True) if is_wanted),
@@ -57,21 +60,31 @@ class DataPassSettings:
         )
 
     def __bool__(self) -> bool:
-        return any((self.position, self.uv, self.object_index, self.material_index, self.mattes))
+        return any((self.position, self.uv, self.vector, self.object_index, self.material_index, self.mattes))
 
     def declare(self) -> list[tuple[str, int, str, str]]:
         """Name, channels, their letters and Blender's type of each pass."""
         channels = [(POSITION, 3, "XYZ", "VECTOR")] * self.position
         channels += [(TEXTURE_COORDINATES, 3, "UVA", "VECTOR")] * self.uv
+        channels += [(VECTOR, 4, "XYZW", "VECTOR")] * self.vector
         channels += [(OBJECT_INDEX, 1, "X", "VALUE")] * self.object_index
         channels += [(MATERIAL_INDEX, 1, "X", "VALUE")] * self.material_index
         channels += [(name, 4, "rgba", "COLOR") for matte in self.mattes for name in self._levels(matte)]
         return channels
 
-    def trace(self, exported: Any, settings: str, samples: int, assets: dict[str, str]) -> Any:
-        """Native passes of a scene, whose job is running. The assets are those of objects by their names."""
-        samples = min(samples, SAMPLES) if self.mattes or self.uv else 1  # All else is of the first ray.
-        wanted = {"ranks": self.ranks, "alpha_threshold": self.alpha_threshold, "assets": assets}
+    def trace(
+        self,
+        exported: Any,
+        settings: str,
+        samples: int,
+        assets: dict[str, str],
+        frames: tuple[Any, Any] | None = None,
+    ) -> Any:
+        """Native passes of a scene, whose job is running. The assets are those of objects by their names; the frames
+        the scene at the frame before and at the one after, for vectors."""
+        is_mean = self.mattes or self.uv or self.vector  # All else is of the first ray.
+        samples = min(samples, SAMPLES) if is_mean else 1
+        wanted = {"ranks": self.ranks, "alpha_threshold": self.alpha_threshold, "assets": assets, "frames": frames}
         return native().DataPasses(exported, settings, samples=samples, **wanted)
 
     def layers(self, pictures: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -79,6 +92,7 @@ class DataPassSettings:
         layers = {
             POSITION: pictures["position"],
             TEXTURE_COORDINATES: pictures["uv"],
+            VECTOR: pictures["vector"],
             OBJECT_INDEX: pictures["object_index"],
             MATERIAL_INDEX: pictures["material_index"],
         }
@@ -89,6 +103,14 @@ class DataPassSettings:
 
     def _levels(self, matte: str) -> list[str]:
         return [f"{matte}{level:02d}" for level in range(self.ranks // 2)]
+
+
+def why_no_vector(scene: bpy.types.Scene) -> str:
+    """Reason why a scene's pictures have no vectors, in words; empty if they can."""
+    if scene.render.use_motion_blur:
+        return "with motion blur"  # As with Cycles.
+    is_panorama = scene.camera is not None and getattr(scene.camera.data, "type", "") == "PANO"
+    return "of a panoramic camera" if is_panorama else ""
 
 
 def matte_fields(layer: str, matte: str, names: Iterable[str]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 
 from ...core.bake_folder import is_bake
 from ...core.diff import gain_between
-from ...core.pass_names import ALBEDO, CATCHER, COMBINED, DEPTH, LONGEST, NORMAL, STATIC, WORLD, light_passes
+from ...core.pass_names import ALBEDO, CATCHER, COMBINED, DEPTH, LOBES, LONGEST, NORMAL, STATIC, WORLD, light_passes
 from ...core.progress import progress_line
 from ...core.rows import NEUTRAL
 from ...core.words import grouped, listed
@@ -51,6 +51,8 @@ class PassSettings:
     """Bytes of the name of a light's pass."""
     lights: bool = True
     """One for each light, and `static` and `world`."""
+    lobes: bool = False
+    """Those of each light by lobes, too."""
     depth: bool = False
     normal: bool = False
     albedo: bool = False
@@ -62,13 +64,21 @@ class PassSettings:
         """Name, channels, their letters and Blender's type of each pass."""
         channels = [(COMBINED, 4, "RGBA", "COLOR")]
         if self.lights:
-            names = [*light_passes(lights, self.longest).values(), STATIC, WORLD]
+            names = [*self.named(lights), STATIC, WORLD]
             channels += [(name, 3, "RGB", "COLOR") for name in names]
         channels += [(DEPTH, 1, "Z", "VALUE")] * self.depth
         channels += [(NORMAL, 3, "XYZ", "VECTOR")] * self.normal
         channels += [(ALBEDO_HERE, 3, "RGB", "COLOR")] * self.albedo
         channels += [(CATCHER, 3, "RGB", "COLOR")] * self.shadow_catcher
         return channels + self.data.declare()
+
+    def named(self, lights: Iterable[str]) -> dict[str, tuple[str, str]]:
+        """Light and part of each pass of some lights, by its name."""
+        lights = list(lights)
+        parts = (COMBINED, *LOBES) if self.lobes else (COMBINED,)
+        return {
+            name: (light, part) for part in parts for light, name in light_passes(lights, self.longest, part).items()
+        }
 
 
 _stopping = False
@@ -120,16 +130,19 @@ class _FinalRender:
         if words := why_no_picture(self.scene):
             raise RuntimeError(words)
         self._say("Reading the scene", 0.0)
-        size = film_size(self.scene.render)
-        exported = scene_of_depsgraph(self.engine, self.depsgraph, ExportOptions(resolution=size), self._is_stopped)
+        exported = self._exported()
         for text in grouped(tuple(exported.warnings)):
             self._warn(text)
-        if words := unwritten_passes(self.depsgraph.view_layer):
+        if words := unwritten_passes(self.scene, self.depsgraph.view_layer):
             self._warn(words)
         lights = self._mixed(json.loads(exported.lights()))
         with self._baked(exported, lights) as relighter:
             picture = self._relit(relighter, lights, exported.world_color)
         self._write(picture, self._data_layers(exported) if self.passes.data else {})
+
+    def _exported(self) -> Any:
+        options = ExportOptions(resolution=film_size(self.scene.render))
+        return scene_of_depsgraph(self.engine, self.depsgraph, options, self._is_stopped)
 
     @contextmanager
     def _baked(self, exported: Any, lights: list[dict[str, Any]]) -> Iterator[Any]:
@@ -216,21 +229,27 @@ class _FinalRender:
     def _relit(self, relighter: Any, lights: list[dict[str, Any]], world_color: list[float]) -> dict[str, Any]:
         """Layers of the picture, each with its gain; a silent light is black and costs nothing."""
         request = json.dumps([light for light in lights if any(light["radiance"])])
-        self._wait(native().Job(relighter.prepare(request)), BAKE_SHARE, 1.0, lambda _: None)
+        lobes = self.passes.lights and self.passes.lobes
+        self._wait(native().Job(relighter.prepare(request, lobes=lobes)), BAKE_SHARE, 1.0, lambda _: None)
         # A bake that was begun under another strength or tint of the world serves as well.
         since = gain_between(relighter.world_color, world_color) or NEUTRAL
         world = [a * b for a, b in zip(self.mix["world"], since, strict=True)]
         apart = self.passes.shadow_catcher
-        picture = relighter.relight(request, static_light=self.mix["static"], world=world, catcher_apart=apart)
+        mix = {"static_light": self.mix["static"], "world": world, "catcher_apart": apart}
+        picture = relighter.relight(request, **mix, lobes=lobes)
         silent = np.zeros_like(picture["static"])
-        picture["lights"] = {light["name"]: picture["lights"].get(light["name"], silent) for light in lights}
+        names = [light["name"] for light in lights]
+        picture["lights"] = {name: picture["lights"].get(name, silent) for name in names}
+        dark = dict.fromkeys(LOBES, silent)
+        picture["lobes"] = {name: picture["lobes"].get(name, dark) if lobes else {} for name in names}
         return picture
 
     def _data_layers(self, exported: Any) -> dict[str, np.ndarray]:
         """Data passes, with what the file tells of them."""
         wanted, settings = self.passes.data, self._settings(lambda _: None)
         assets = assets_of(self.depsgraph)
-        traced = wanted.trace(exported, json.dumps(settings), self.options.samples, assets)
+        frames = self._next_frames() if wanted.vector else None
+        traced = wanted.trace(exported, json.dumps(settings), self.options.samples, assets, frames)
         self._wait(native().Job(traced.job), 1.0, 1.0, self._warn)
         objects, materials = traced.names()
         names = {
@@ -244,6 +263,17 @@ class _FinalRender:
                 # Those of `begin_result` would be lost.
                 self.engine.get_result().stamp_data_add_field(field, value)
         return wanted.layers(traced.pictures())
+
+    def _next_frames(self) -> tuple[Any, Any]:
+        """The scene at the frame before and at the one after."""
+        frame, part = self.scene.frame_current, self.scene.frame_subframe
+        try:
+            self.engine.frame_set(frame - 1, subframe=part)
+            before = self._exported()
+            self.engine.frame_set(frame + 1, subframe=part)
+            return before, self._exported()
+        finally:
+            self.engine.frame_set(frame, subframe=part)
 
     def _wait(self, job: Any, start: float, end: float, warn: Callable[[str], None]) -> None:
         """Watches a job of the native module; Esc ends it."""
@@ -295,10 +325,14 @@ class _FinalRender:
             self.engine.end_result(result)
 
     def _layers(self, picture: dict[str, Any]) -> dict[str, np.ndarray]:
-        lights = light_passes(picture["lights"], self.passes.longest)
+        passes = self.passes.named(picture["lights"]) if self.passes.lights else {}
+        of_lights = {
+            name: picture["lights"][light] if part == COMBINED else picture["lobes"][light][part]
+            for name, (light, part) in passes.items()
+        }
         return {
             COMBINED: np.concatenate([picture["combined"], picture["alpha"]], axis=-1),
-            **{lights[name]: image for name, image in picture["lights"].items()},
+            **of_lights,
             STATIC: picture["static"],
             WORLD: picture["world"],
             DEPTH: self._depth(picture["depth"]),

@@ -261,6 +261,9 @@ pub struct PictureArgs {
     /// Do not denoise what is gathered.
     #[arg(long)]
     pub no_denoise: bool,
+    /// Layers of each light by lobes, such as `Diffuse Direct_Key`, that add up to its layer. Lights are gathered then.
+    #[arg(long)]
+    pub lobes: bool,
     /// Names of the EXR's channels.
     #[arg(long, value_enum, default_value_t)]
     pub layout: LayoutArg,

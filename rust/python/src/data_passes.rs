@@ -29,7 +29,7 @@ pub struct PyDataPasses {
 impl PyDataPasses {
     #[new]
     #[pyo3(signature = (scene, settings="{}", *, samples=64, ranks=6, alpha_threshold=0.5,
-        assets=HashMap::new()))]
+        assets=HashMap::new(), frames=None))]
     fn new(
         py: Python<'_>,
         scene: &PyScene,
@@ -38,6 +38,7 @@ impl PyDataPasses {
         ranks: usize,
         alpha_threshold: f32,
         assets: HashMap<String, String>,
+        frames: Option<(PyRef<'_, PyScene>, PyRef<'_, PyScene>)>,
     ) -> PyResult<Self> {
         let settings: TraceSettings = serde_json::from_str(settings).map_err(NativeError::from)?;
         if samples == 0 || !(1..=MOST_RANKS).contains(&ranks) {
@@ -47,8 +48,10 @@ impl PyDataPasses {
         let traced = Arc::new(Mutex::new(DataPasses::default()));
         let result = traced.clone();
         let of_job = scene.clone();
+        let frames = frames.map(|(before, after)| [before.shared(), after.shared()]);
         let job = PyJob::start(move |monitor| -> Result<_, NativeError> {
-            let passes = relume_session::data_passes(&of_job, &settings, &wanted, monitor)?;
+            let frames = frames.as_ref().map(|frames| frames.each_ref().map(|frame| &**frame));
+            let passes = relume_session::data_passes(&of_job, &settings, &wanted, frames, monitor)?;
             *result.lock().unwrap_or_else(PoisonError::into_inner) = passes;
             Ok(serde_json::Value::Null)
         })?;
@@ -74,6 +77,7 @@ impl PyDataPasses {
         };
         add("position", traced.positions.into_flattened(), 3)?;
         add("uv", traced.uvs.into_flattened(), 3)?;
+        add("vector", traced.vectors.into_flattened(), 4)?;
         add("object_index", traced.object_indices, 1)?;
         add("material_index", traced.material_indices, 1)?;
         add("objects", traced.objects.into_flattened(), 2 * self.ranks)?;

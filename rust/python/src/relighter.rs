@@ -9,7 +9,7 @@ use pyo3::types::PyDict;
 use relume_session::image::Image;
 use relume_session::scene::Light;
 use relume_session::{
-    CatcherPlace, Device, LightSet, Method, Monitor, PictureMix, RelightOptions, Relighter, Relit,
+    CatcherPlace, Device, LightSet, LobePart, Method, Monitor, PictureMix, RelightOptions, Relighter, Relit,
 };
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -81,7 +81,7 @@ impl PyRelighter {
     }
 
     #[pyo3(signature = (lights=None, *, static_light=[1.0; 3], world=[1.0; 3], catcher_apart=false,
-        maker="auto", denoise=true))]
+        maker="auto", denoise=true, lobes=false))]
     fn relight<'py>(
         &self,
         py: Python<'py>,
@@ -91,8 +91,9 @@ impl PyRelighter {
         catcher_apart: bool,
         maker: &str,
         denoise: bool,
+        lobes: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let options = options(maker, denoise)?;
+        let options = options(maker, denoise, lobes)?;
         let catcher = if catcher_apart { CatcherPlace::Layer } else { CatcherPlace::Picture };
         let mix = PictureMix { static_light, world, catcher };
         let relit = enter_native(py, || -> Result<Relit, NativeError> {
@@ -102,13 +103,13 @@ impl PyRelighter {
     }
 
     /// Starts to make each light's picture, which `relight` then only sums.
-    #[pyo3(signature = (lights=None, *, maker="auto", denoise=true))]
-    fn prepare(&self, lights: Option<&str>, maker: &str, denoise: bool) -> PyResult<PyJob> {
-        let options = options(maker, denoise)?;
+    #[pyo3(signature = (lights=None, *, maker="auto", denoise=true, lobes=false))]
+    fn prepare(&self, lights: Option<&str>, maker: &str, denoise: bool, lobes: bool) -> PyResult<PyJob> {
+        let options = options(maker, denoise, lobes)?;
         let lights = self.lights(lights)?;
         let relighter = self.relighter.clone();
         PyJob::start(move |monitor| -> Result<_, NativeError> {
-            relighter.relight(&lights, &options, monitor)?;
+            relighter.prepare(&lights, &options, monitor)?;
             Ok(serde_json::Value::Null)
         })
     }
@@ -124,24 +125,30 @@ impl PyRelighter {
     }
 }
 
-fn options(maker: &str, denoise: bool) -> Result<RelightOptions, NativeError> {
+fn options(maker: &str, denoise: bool, lobes: bool) -> Result<RelightOptions, NativeError> {
     let method = match maker {
         "auto" => Method::Auto,
         "gather" => Method::Gather,
         "proxy" => Method::Proxy,
         _ => return Err(invalid(format!("maker '{maker}' is not auto, gather or proxy"))),
     };
-    Ok(RelightOptions { method, denoise })
+    Ok(RelightOptions { method, denoise, lobes })
 }
 
 /// All layers of a relit picture, [height, width, channels], top row first.
 fn pictures(py: Python<'_>, relit: Relit) -> PyResult<Bound<'_, PyDict>> {
-    let (pictures, lights) = (PyDict::new(py), PyDict::new(py));
+    let (pictures, lights, lobes) = (PyDict::new(py), PyDict::new(py), PyDict::new(py));
     pictures.set_item("combined", array(py, relit.combined())?)?;
     for light in relit.lights {
-        lights.set_item(light.name, array(py, light.image)?)?;
+        let parts = PyDict::new(py);
+        for (part, image) in LobePart::ALL.iter().zip(light.lobes) {
+            parts.set_item(part.name(), array(py, image)?)?;
+        }
+        lights.set_item(&light.name, array(py, light.image)?)?;
+        lobes.set_item(light.name, parts)?;
     }
     pictures.set_item("lights", lights)?;
+    pictures.set_item("lobes", lobes)?;
     let layers = [
         ("static", relit.static_light),
         ("world", relit.world),

@@ -8,7 +8,8 @@ use relume_trace::{DataPassSettings, DataPasses, DataTracer, TraceSettings, Trac
 use crate::error::SessionError;
 use crate::progress::{Monitor, Stage};
 
-/// Data passes of the whole picture, row by row from the top, along the camera rays of a bake with these settings.
+/// Data passes of the whole picture, row by row from the top, along the camera rays of a bake with these settings. The scenes of the
+/// frames before and after tell how far things move.
 ///
 /// # Errors
 /// If the scene has too many triangles; [`SessionError::Cancelled`].
@@ -16,10 +17,15 @@ pub fn data_passes(
     scene: &Scene,
     settings: &TraceSettings,
     wanted: &DataPassSettings,
+    frames: Option<[&Scene; 2]>,
     monitor: &Monitor,
 ) -> Result<DataPasses, SessionError> {
     let tracer = Tracer::new(scene, settings)?;
     let tracer = DataTracer::new(&tracer, wanted);
+    let tracer = match frames {
+        Some([before, after]) => tracer.between(before, after),
+        None => tracer,
+    };
     let (width, height) = (scene.camera.width, scene.camera.height);
     let progress = monitor.stage(Stage::Trace, 0, height as u64);
     let row = |y| {

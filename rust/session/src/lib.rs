@@ -78,6 +78,7 @@ pub use train::sizes::default_sizes;
 pub use train::targets::{DumpTargets, GpuTargets};
 pub use train::train;
 
+pub use relume_gather::LobePart;
 pub use relume_gpu as gpu;
 pub use relume_image as image;
 pub use relume_optimise as solver;

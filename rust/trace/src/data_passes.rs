@@ -1,16 +1,19 @@
-//! Passes that tell what each pixel shows, of whatever light: positions, texture coordinates, pass indices and mattes of objects
+//! Passes that tell what each pixel shows, of whatever light: positions, texture coordinates, motion, pass indices and mattes of objects
 //! and materials.
 //!
 //! Mattes are those of Cryptomatte (Friedman and Jones, "Fully automatic ID mattes with support for motion blur and
 //! transparency", 2015; specification 1.2.0): the shares of a pixel that objects cover, by a hash of their names. As in Cycles,
 //! camera rays count surfaces as far as these are not transparent, and go on behind them.
 
+mod vector;
+
 use std::collections::HashMap;
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use relume_dump::TileRect;
 use relume_scene::{Material, Scene};
 
+use self::vector::Frames;
 use crate::{
     bsdf::Surface,
     bvh::Ray,
@@ -44,6 +47,9 @@ pub struct DataPasses {
     /// Texture coordinates of the map that renders use, and 1 where there are some: means over the paths of the pixel, as in Cycles.
     /// Those that scatter at a surface of too little alpha have none.
     pub uvs: Vec<[f32; 3]>,
+    /// Way on the film in pixels since the frame before and to the frame after, right and up, as Cycles has it: means over the rays that
+    /// meet a surface of enough alpha. 0 unless both frames are known.
+    pub vectors: Vec<[f32; 4]>,
     /// Pass index of the object there.
     pub object_indices: Vec<f32>,
     /// Pass index of the material there.
@@ -61,6 +67,7 @@ impl DataPasses {
     pub fn append(&mut self, mut below: Self) {
         self.positions.append(&mut below.positions);
         self.uvs.append(&mut below.uvs);
+        self.vectors.append(&mut below.vectors);
         self.object_indices.append(&mut below.object_indices);
         self.material_indices.append(&mut below.material_indices);
         self.objects.append(&mut below.objects);
@@ -78,6 +85,7 @@ pub struct DataTracer<'t> {
     seed: u64,
     settings: &'t DataPassSettings,
     ids: MatteIds,
+    frames: Option<Frames<'t>>,
 }
 
 impl<'t> DataTracer<'t> {
@@ -89,7 +97,14 @@ impl<'t> DataTracer<'t> {
             seed: tracer.settings.seed,
             settings,
             ids: MatteIds::new(integrator.scene, settings),
+            frames: None,
         }
+    }
+
+    /// Takes the scenes of the frames before and after, from which vectors are made.
+    #[must_use]
+    pub fn between(self, before: &'t Scene, after: &'t Scene) -> Self {
+        Self { frames: Some(Frames { now: self.integrator.scene, before, after }), ..self }
     }
 
     /// Data of a part of the picture.
@@ -145,6 +160,11 @@ impl<'t> DataTracer<'t> {
             let is_first = seeks_first && !is_hull && 1.0 - transparency >= self.settings.alpha_threshold;
             if let Some(uv) = is_first.then(|| materials.rendered_uv(scene, &point)).flatten() {
                 pixel.uv += uv.extend(1.0) * straight;
+            }
+            let frames = self.frames.filter(|_| is_first);
+            if let Some(vector) = frames.and_then(|frames| frames.vector(&point)) {
+                pixel.vector += vector;
+                pixel.vectors += 1.0;
             }
             straight *= straight_share;
             seeks_first &= !is_first;
@@ -231,6 +251,9 @@ struct FirstSurface {
 struct PixelData {
     first: FirstSurface,
     uv: Vec3,
+    /// Sum and number of vectors.
+    vector: Vec4,
+    vectors: f32,
     objects: Ranks,
     materials: Ranks,
     assets: Ranks,
@@ -242,12 +265,14 @@ impl PixelData {
     fn new(ranks: usize) -> Self {
         let [objects, materials, assets] = std::array::from_fn(|_| Ranks::new(ranks));
         let (first, surface) = Default::default();
-        Self { first, uv: Vec3::ZERO, objects, materials, assets, surface }
+        let vector = Vec4::ZERO;
+        Self { first, uv: Vec3::ZERO, vector, vectors: 0.0, objects, materials, assets, surface }
     }
 
     fn clear(&mut self) {
         self.first = FirstSurface::default();
         self.uv = Vec3::ZERO;
+        (self.vector, self.vectors) = (Vec4::ZERO, 0.0);
         for ranks in [&mut self.objects, &mut self.materials, &mut self.assets] {
             ranks.slots.clear();
         }
@@ -257,6 +282,7 @@ impl PixelData {
         let FirstSurface { position, object_index, material_index } = self.first;
         passes.positions.push(position);
         passes.uvs.push((self.uv * scale).to_array());
+        passes.vectors.push((self.vector / self.vectors.max(1.0)).to_array());
         passes.object_indices.push(object_index as f32);
         passes.material_indices.push(material_index as f32);
         self.objects.write(scale, &mut passes.objects);

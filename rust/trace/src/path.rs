@@ -26,6 +26,8 @@ pub(crate) struct PathState {
     origin: Vec3,
     /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
     pub light_lobe: Lobe,
+    /// That class of the segment after the path's first scattering event.
+    pub first_lobe: Lobe,
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
     /// light linking works through them (Cycles' `mis_ray_object`).
     pub receiver: u16,
@@ -93,6 +95,7 @@ impl PathState {
             is_singular: false,
             origin,
             light_lobe: Lobe::Camera,
+            first_lobe: Lobe::Camera,
             receiver: 0,
             sees_background: true,
             catchers_only: false,
@@ -255,11 +258,19 @@ impl PathState {
         self.throughput *= weight;
         self.min_pdf = self.min_pdf.min(pdf);
         (self.lobe, self.light_lobe, self.origin) = (Lobe::Volume, Lobe::Volume, position);
+        self.count_bounce();
         (self.is_diffuse, self.is_singular, self.sees_background) = (false, false, false);
         (self.through_transparent, self.continues, self.unlit) = (false, false, false);
-        self.bounces += 1;
         self.volume += 1;
         self.last_surface |= self.volume > limits.volume || self.bounces > limits.total;
+    }
+
+    /// Counts a scattering event.
+    fn count_bounce(&mut self) {
+        if self.bounces == 0 {
+            self.first_lobe = self.light_lobe;
+        }
+        self.bounces += 1;
     }
 
     /// Goes straight through a surface.
@@ -301,7 +312,7 @@ impl PathState {
         self.unlit = sample.unlit;
         (self.is_singular, self.origin) = (sample.singular, position);
         (self.through_transparent, self.continues) = (false, false);
-        self.bounces += 1;
+        self.count_bounce();
         let (count, limit) = match sample.lobe {
             Lobe::Diffuse => (&mut self.diffuse, limits.diffuse),
             Lobe::Transmission => (&mut self.transmission, limits.transmission),

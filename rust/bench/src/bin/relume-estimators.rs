@@ -160,7 +160,7 @@ fn mean(image: &Image) -> f64 {
 }
 
 fn unit_image(relighter: &Relighter, light: &Light, denoise: bool) -> Result<Image> {
-    let options = RelightOptions { method: Method::Gather, denoise };
+    let options = RelightOptions { method: Method::Gather, denoise, lobes: false };
     let relit = relighter.relight(std::slice::from_ref(light), &options, &Monitor::default())?;
     Ok(relit.lights[0].image.clone())
 }

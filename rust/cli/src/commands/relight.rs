@@ -93,7 +93,7 @@ impl Picture {
             None => relighter.view(context.monitor),
         };
         let wanted = wanted(args, &relighter, context)?;
-        let options = RelightOptions { method, denoise: !args.no_denoise };
+        let options = RelightOptions { method, denoise: !args.no_denoise, lobes: args.lobes };
         let mut relit = relighter.relight(&wanted.lights, &options, context.monitor)?;
         scale(&mut relit.static_light, wanted.static_light);
         for image in [Some(&mut relit.world), relit.backdrop.as_mut()].into_iter().flatten() {

@@ -295,15 +295,17 @@ class DataPasses:
         ranks: int = 6,
         alpha_threshold: float = 0.5,
         assets: dict[str, str] = ...,
+        frames: tuple[Scene, Scene] | None = None,
     ) -> None:
         """Starts the job. Ranks are the objects or materials that a matte tells apart in a pixel, 1 to 16; assets the
         names of those that objects belong to, where they are other ones. Positions and indices are those of the first
-        surface whose alpha reaches the threshold."""
+        surface whose alpha reaches the threshold. The scene at the frames before and after tells how far that moves."""
 
     @property
     def job(self) -> Job: ...
     def pictures(self) -> dict[str, NDArray[np.float32]]:
         """[H, W, C] once the job is done, a single time: position [3] in metres, object_index and material_index [1];
+        vector [4], the way in pixels since the frame before and to the one after, with Cycles' signs;
         uv [3], a mean over the samples as the mattes are, its last channel the share that has coordinates; and the
         mattes objects, materials and assets [2 a rank], each rank an identifier and its share of the pixel
         (Cryptomatte)."""
@@ -354,10 +356,12 @@ class Relighter:
         catcher_apart: bool = False,
         maker: Literal["auto", "gather", "proxy"] = "auto",
         denoise: bool = True,
+        lobes: bool = False,
     ) -> dict[str, Any]:
         """Pictures under a light set (JSON; the scene's lights if None): scene-linear arrays [height, width, channels],
         top row first: combined, static, world, albedo, normal, depth, alpha, shadow_catcher where there is one, and
-        lights by name. Gains are RGB factors on the scene's own light and on that of the world. Apart, what shadow
+        lights by name. With lobes also those: by light, then by part ("Diffuse Direct"), which add up to the light and
+        need a bake. Gains are RGB factors on the scene's own light and on that of the world. Apart, what shadow
         catchers show is not in the combined picture and its alpha."""
 
     def prepare(
@@ -366,6 +370,7 @@ class Relighter:
         *,
         maker: Literal["auto", "gather", "proxy"] = "auto",
         denoise: bool = True,
+        lobes: bool = False,
     ) -> Job:
         """Makes each light's picture ahead, with progress and cancel; `relight` with the same arguments only sums."""
 

@@ -1,12 +1,14 @@
 //! Lights connected to the vertices of light-free paths, where the scene of a bake is at hand.
 
+mod parts;
+
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use glam::Vec3;
 use rayon::prelude::*;
 use relume_dump::{Manifest, Pass, TileRect};
-use relume_gather::{Balance, Emitter, Gather, GatherError, PreparedLight};
+use relume_gather::{Balance, Emitter, Gather, GatherError, LightSample, PreparedLight};
 use relume_image::Image;
 use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
@@ -262,15 +264,41 @@ impl Connections {
         if lights.is_empty() {
             return Some(Vec::new());
         }
-        let tile = |tile| (!stop()).then(|| self.tile(level, tile, lights, block));
-        let tiles: Vec<Vec<[f32; 3]>> =
-            (0..self.manifest.tile_count()).into_par_iter().map(tile).collect::<Option<_>>()?;
-        Some((0..lights.len()).map(|light| gather.assemble(&tiles, light)).collect())
+        let tracer = self.tracer.borrow_dependent();
+        self.summed(gather, level, lights.len(), block, stop, |vertex, u, scratch, pixel| {
+            for (layer, emitter) in lights.iter().enumerate() {
+                pixel.add(layer, connect(tracer, vertex, emitter, u, scratch));
+            }
+        })
     }
 
-    /// Values of a tile, light by light, then pixel by pixel; one pixel of each block is made for all of it.
-    fn tile(&self, level: &Level, tile: usize, lights: &[&Emitter], block: usize) -> Vec<[f32; 3]> {
-        let (tracer, rect) = (self.tracer.borrow_dependent(), self.manifest.tile_rect(tile));
+    /// Images of some layers that each vertex of a level adds to, with numbers in 0..1, in blocks of so many pixels each way; nothing
+    /// if `stop` ended it.
+    fn summed(
+        &self,
+        gather: &Gather,
+        level: &Level,
+        layers: usize,
+        block: usize,
+        stop: &(dyn Fn() -> bool + Sync),
+        add: impl Fn(&PathVertex, [f32; 4], &mut ConnectScratch, &mut PixelSums<'_>) + Sync,
+    ) -> Option<Vec<Image>> {
+        let tile = |tile| (!stop()).then(|| self.tile(level, tile, layers, block, &add));
+        let tiles: Vec<Vec<[f32; 3]>> =
+            (0..self.manifest.tile_count()).into_par_iter().map(tile).collect::<Option<_>>()?;
+        Some((0..layers).map(|layer| gather.assemble(&tiles, layer)).collect())
+    }
+
+    /// Values of a tile, layer by layer, then pixel by pixel; one pixel of each block is made for all of it.
+    fn tile(
+        &self,
+        level: &Level,
+        tile: usize,
+        layers: usize,
+        block: usize,
+        add: &impl Fn(&PathVertex, [f32; 4], &mut ConnectScratch, &mut PixelSums<'_>),
+    ) -> Vec<[f32; 3]> {
+        let rect = self.manifest.tile_rect(tile);
         let traced;
         let vertices = match level.kept[tile].get() {
             Some(kept) => kept,
@@ -280,26 +308,40 @@ impl Connections {
             }
         };
         let mut scratch = ConnectScratch::default();
-        let mut values = vec![[0.0; 3]; lights.len() * rect.pixel_count()];
+        let mut values = vec![[0.0; 3]; layers * rect.pixel_count()];
         let scale = 1.0 / level.pass.samples as f32;
         for (x, y) in
             (0..rect.height).step_by(block).flat_map(|y| (0..rect.width).step_by(block).map(move |x| (x, y)))
         {
             let sampler = PixelSampler::new(self.manifest.seed, (rect.x + x) as u32, (rect.y + y) as u32);
             let first = (1 + LATER) * level.pass.first_sample;
-            for (vertex, number) in vertices.pixel(y * rect.width + x).iter().zip(first..) {
-                let u = sampler.draw(number, LIGHT_GROUP);
-                for (emitter, values) in lights.iter().zip(values.chunks_exact_mut(rect.pixel_count())) {
-                    let light = scale * connect(tracer, vertex, emitter, u, &mut scratch);
-                    let value = &mut values[y * rect.width + x];
-                    value.iter_mut().zip(light.to_array()).for_each(|(value, light)| *value += light);
-                }
+            let number = y * rect.width + x;
+            let mut pixel = PixelSums { values: &mut values, pixels: rect.pixel_count(), number, scale };
+            for (vertex, number) in vertices.pixel(number).iter().zip(first..) {
+                add(vertex, sampler.draw(number, LIGHT_GROUP), &mut scratch, &mut pixel);
             }
         }
         if block > 1 {
             values.chunks_exact_mut(rect.pixel_count()).for_each(|values| fill_blocks(values, rect, block));
         }
         values
+    }
+}
+
+/// Sums of one pixel in several layers.
+struct PixelSums<'a> {
+    /// Layer by layer, then pixel by pixel.
+    values: &'a mut [[f32; 3]],
+    /// Pixels of a layer.
+    pixels: usize,
+    number: usize,
+    scale: f32,
+}
+
+impl PixelSums<'_> {
+    fn add(&mut self, layer: usize, light: Vec3) {
+        let value = &mut self.values[layer * self.pixels + self.number];
+        value.iter_mut().zip((self.scale * light).to_array()).for_each(|(value, light)| *value += light);
     }
 }
 
@@ -317,20 +359,29 @@ fn connect(
     tracer: &Tracer<'_>,
     vertex: &PathVertex,
     light: &Emitter,
-    [u, v, chance, ..]: [f32; 4],
+    numbers: [f32; 4],
     scratch: &mut ConnectScratch,
 ) -> Vec3 {
+    let Some((sample, weights)) = weighed_sample(vertex, light, numbers) else { return Vec3::ZERO };
+    sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, weights, scratch)
+}
+
+/// A point on a light for a vertex by numbers in 0..1, and its weights for each of [`relume_dump::Lobe::CONNECTED`].
+fn weighed_sample(
+    vertex: &PathVertex,
+    light: &Emitter,
+    [u, v, chance, ..]: [f32; 4],
+) -> Option<(LightSample, [f32; 2])> {
     let (shares, factors) = (light.shares(vertex.position), light.factors(vertex.receiver()));
     let counts = vertex.lobes();
     let weights: [f32; 2] =
         std::array::from_fn(|lobe| if counts[lobe] { shares[lobe] * factors[lobe] } else { 0.0 });
     let most = (0..2).filter(|lobe| weights[*lobe] != 0.0).map(|lobe| shares[lobe]).fold(0.0, f32::max);
     if most <= chance * LEAST_SHARE {
-        return Vec3::ZERO;
+        return None;
     }
     let weights = weights.map(|weight| weight * (LEAST_SHARE / most).max(1.0));
-    let Some(sample) = light.sample(vertex.position, vertex.normal(), [u, v]) else { return Vec3::ZERO };
-    sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, weights, scratch)
+    Some((light.sample(vertex.position, vertex.normal(), [u, v])?, weights))
 }
 
 /// Levels of a picture.

@@ -177,6 +177,31 @@ impl DeviceGather {
         Ok((images, diffuse.ok_or(SessionError::Cancelled)?))
     }
 
+    /// The unit image of a light in its parts ([`relume_gather::LobePart::ALL`]), which add up to it; by the CPU.
+    ///
+    /// # Errors
+    /// [`SessionError::Cancelled`] if `stop` ended it; if the light is none.
+    pub fn part_images(
+        &self,
+        light: &Light,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Vec<Image>, SessionError> {
+        let lights = std::slice::from_ref(light);
+        let crossed = match &self.connections {
+            Some((connections, _)) => connections.crossed(&self.gather, lights)?,
+            None => self.gather.prepare_all(lights)?,
+        };
+        let mut parts = self.gather.part_images(&crossed[0]);
+        if let Some((connections, levels)) = &self.connections {
+            for (_, emitter) in connections.emitters(lights)? {
+                let connected = connections.part_images(&self.gather, &emitter, *levels, stop);
+                let connected = connected.ok_or(SessionError::Cancelled)?;
+                parts.iter_mut().zip(&connected).for_each(|(part, image)| part.add_scaled(image, &[1.0; 3]));
+            }
+        }
+        Ok(parts)
+    }
+
     /// Connected light of lights that are, by their number, from so many levels as far as they are there.
     ///
     /// # Errors

@@ -8,11 +8,13 @@ pub struct RelightOptions {
     pub method: Method,
     /// True to denoise gathered lights and the static layers; without a denoiser the user is warned.
     pub denoise: bool,
+    /// True to part the picture of each light by lobes ([`relume_gather::LobePart`]). Lights are gathered then.
+    pub lobes: bool,
 }
 
 impl Default for RelightOptions {
     fn default() -> Self {
-        Self { method: Method::Auto, denoise: true }
+        Self { method: Method::Auto, denoise: true, lobes: false }
     }
 }
 

@@ -1,4 +1,5 @@
 mod connected;
+mod lobes;
 
 use crate::bake::features::camera;
 use crate::bake::guiding::{GuideCoverage, GuidingRecord};
@@ -23,6 +24,7 @@ use crate::relight::relit::{Relit, RelitLight};
 use crate::relight::source::{UnitSource, camera_only};
 use crate::relight::statics::StaticLayer;
 use crate::relight::units::{GROUP, UnitCache, UnitImages};
+use lobes::KeptLobes;
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{Environment, Gather, SampleSplit};
 use relume_image::{Image, ViewTransform};
@@ -52,6 +54,8 @@ pub struct Relighter {
     world: Option<WorldAbout>,
     /// Files of the folder that could not be used, and what follows, in words for the user.
     damaged: Vec<String>,
+    /// Lobes that were made ahead.
+    lobes: Mutex<Vec<KeptLobes>>,
 }
 
 impl Relighter {
@@ -128,6 +132,7 @@ impl Relighter {
             statics,
             world: None,
             damaged: Vec::new(),
+            lobes: Mutex::default(),
         }
     }
 
@@ -276,8 +281,9 @@ impl Relighter {
         options: &RelightOptions,
         monitor: &Monitor,
     ) -> Result<Relit, SessionError> {
-        let options = &self.without_missing_denoiser(options, monitor);
+        let options = &self.usable(options, monitor)?;
         let units = self.unit_images(lights, options, monitor)?;
+        let mut lobes = self.lobes(lights, &units, options, monitor)?.into_iter();
         let scaled = |image: &Image, weight: &[f32; 3]| {
             let mut scaled = Image::new(image.width, image.height, 3);
             scaled.add_scaled(image, weight);
@@ -285,7 +291,9 @@ impl Relighter {
         };
         let lights = lights.iter().zip(units).map(|(light, (unit, source))| {
             let image = scaled(&unit, &light.radiance);
-            RelitLight { name: light.name.clone(), image, source }
+            let lobes = lobes.next().unwrap_or_default();
+            let lobes = lobes.iter().map(|lobe| scaled(lobe, &light.radiance)).collect();
+            RelitLight { name: light.name.clone(), image, source, lobes }
         });
         let lights: Vec<RelitLight> = lights.collect();
         let [static_light, world] = self.statics(options.denoise)?;
@@ -308,7 +316,9 @@ impl Relighter {
         if self.film.catches() {
             let developed = self.film.develop(relit.combined(), &self.aovs.alpha, mix.catcher);
             let top = |image: &mut Image| *image = self.film.top(std::mem::take(image));
-            let of_lights = relit.lights.iter_mut().map(|light| &mut light.image);
+            let of_lights = relit.lights.iter_mut();
+            let of_lights =
+                of_lights.flat_map(|light| [&mut light.image].into_iter().chain(&mut light.lobes));
             of_lights.chain([&mut relit.static_light, &mut relit.world]).for_each(top);
             relit.alpha = developed.alpha;
             (relit.backdrop, relit.shadow_catcher) = (developed.backdrop, developed.catcher);

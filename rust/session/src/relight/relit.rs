@@ -1,5 +1,6 @@
 use crate::error::SessionError;
 use crate::relight::source::UnitSource;
+use relume_gather::LobePart;
 use relume_image::{BitDepth, Image, Layer, LayeredImage, Precision, ViewTransform, write_exr, write_png};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
@@ -16,6 +17,8 @@ pub struct RelitLight {
     pub image: Image,
     /// Source of its unit image.
     pub source: UnitSource,
+    /// Parts of the image that add up to it, in the order of [`LobePart::ALL`]; empty unless asked for.
+    pub lobes: Vec<Image>,
 }
 
 /// Names of the channels of an EXR.
@@ -73,7 +76,7 @@ impl Relit {
     }
 
     /// Layers under Blender's pass names: `Combined`, `Combined_<light>`, `static`, `world`, `albedo`, `normal`,
-    /// `depth`, and `Shadow Catcher` where there is one. The attribute `relume` is JSON: version, scene hash, samples, and the source of each light's layer.
+    /// `depth`, `Shadow Catcher` where there is one, and `Diffuse Direct_<light>` and so on where lobes were asked for. The attribute `relume` is JSON: version, scene hash, samples, and the source of each light's layer.
     pub fn layers(&self) -> LayeredImage {
         let combined = self.combined_rgba();
         let (width, height) = (combined.width, combined.height);
@@ -92,6 +95,10 @@ impl Relit {
             let name = free_name(&light.name, &mut taken);
             sources.insert(name.clone(), serde_json::json!(light.source));
             layers.push(Layer::color(format!("Combined_{name}"), light.image.clone()));
+            let lobes = LobePart::ALL.iter().zip(&light.lobes);
+            layers.extend(
+                lobes.map(|(part, image)| Layer::color(format!("{}_{name}", part.name()), image.clone())),
+            );
         }
         // One attribute, because the order of several in a file is random and equal pictures should be equal files.
         let about = serde_json::json!({
@@ -155,6 +162,7 @@ mod tests {
             name: name.to_string(),
             image: image(3, 0.25),
             source: UnitSource::Proxy,
+            lobes: Vec::new(),
         };
         Relit {
             lights: names.iter().map(light).collect(),
@@ -186,6 +194,16 @@ mod tests {
         assert_eq!(about["lights"]["Key_001_2"], "proxy");
         let folder = tempfile::tempdir().unwrap();
         write_exr(&folder.path().join("a.exr"), &layers, Precision::Half).unwrap();
+    }
+
+    #[test]
+    fn lobes_have_layers_behind_that_of_their_light() {
+        let mut relit = relit(&["Key"]);
+        relit.lights[0].lobes = vec![Image::new(2, 2, 3); LobePart::ALL.len()];
+        let layers = relit.layers();
+        let names: Vec<_> = layers.layers.iter().skip(6).map(|layer| layer.name.as_str()).collect();
+        assert_eq!(names[..3], ["Combined_Key", "Emission_Key", "Diffuse Direct_Key"]);
+        assert_eq!((names.len(), names[9]), (10, "Volume Indirect_Key"));
     }
 
     #[test]

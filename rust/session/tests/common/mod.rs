@@ -69,7 +69,7 @@ pub fn trained(bake: &Path, out: &Path, kind: LightKind) -> TrainReport {
 }
 
 /// Options without a denoiser.
-pub const RAW: RelightOptions = RelightOptions { method: Method::Auto, denoise: false };
+pub const RAW: RelightOptions = RelightOptions { method: Method::Auto, denoise: false, lobes: false };
 
 /// Remembers warnings that matter.
 #[derive(Debug, Default)]

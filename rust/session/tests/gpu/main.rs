@@ -56,7 +56,7 @@ fn pictures_of_the_gpu_are_those_of_the_cpu() {
     let gpu = Relighter::open(folder.path()).unwrap().on(&compute);
     let cpu = Relighter::open(folder.path()).unwrap();
     for with in [Method::Gather, Method::Proxy] {
-        let options = RelightOptions { method: with, denoise: false };
+        let options = RelightOptions { method: with, denoise: false, lobes: false };
         let picture = |relighter: &Relighter| {
             relighter.relight(&[sphere("Own", 0.2)], &options, &Monitor::default()).unwrap().combined()
         };
@@ -155,7 +155,7 @@ fn a_gpu_that_is_lost_between_pictures_is_opened_again_with_its_budget() {
     let monitor = Monitor::new(warnings.clone(), Cancel::default());
     let mut relighter = Relighter::open(folder.path()).unwrap().on(&compute);
     let picture = |relighter: &Relighter, radius: f32, with: Method| {
-        let options = RelightOptions { method: with, denoise: false };
+        let options = RelightOptions { method: with, denoise: false, lobes: false };
         relighter.relight(&[sphere("Own", radius)], &options, &monitor).unwrap().combined()
     };
     let unharmed = Relighter::open(folder.path()).unwrap().on(&unshared());
@@ -233,7 +233,7 @@ fn lights_solved_on_the_gpu_are_those_of_the_cpu() {
     }
     let gpu = Relighter::open(folder.path()).unwrap().on(&unshared());
     let cpu = Relighter::open(folder.path()).unwrap();
-    let options = RelightOptions { method: Method::Proxy, denoise: false };
+    let options = RelightOptions { method: Method::Proxy, denoise: false, lobes: false };
     let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
     let pictures = Pictures::named(HashMap::from([("target".into(), target)]));
     // One light, and two of different types.
@@ -310,7 +310,7 @@ fn a_solve_on_a_lost_gpu_is_done_by_the_cpu_or_says_so() {
     baked(folder.path());
     trained(folder.path(), folder.path(), LightKind::Sphere);
     let cpu = Relighter::open(folder.path()).unwrap();
-    let options = RelightOptions { method: Method::Gather, denoise: false };
+    let options = RelightOptions { method: Method::Gather, denoise: false, lobes: false };
     let target = cpu.relight(&[sphere("Hidden", 0.2)], &options, &Monitor::default()).unwrap().combined();
     let pictures = Pictures::named(HashMap::from([("target".into(), target)]));
     for through in ["gather", "proxy"] {

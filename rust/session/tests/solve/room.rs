@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 const ROOM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/room.obj");
-pub const GATHER: RelightOptions = RelightOptions { method: Method::Gather, denoise: true };
+pub const GATHER: RelightOptions = RelightOptions { method: Method::Gather, denoise: true, lobes: false };
 
 /// A bake of the room, seen from a little to the left (-1) or right (1). All tests of a run share its files.
 pub fn baked(side: f32) -> Relighter {

@@ -273,8 +273,7 @@ impl Surface {
             let pdf = choice.pdf * probability;
             (closure.weight * choice.value / pdf, pdf * BsdfSample::SINGULAR_PDF)
         } else {
-            let mut value = closure.weight * choice.value;
-            let mut pdf = choice.pdf * probability;
+            let (mut value, mut pdf) = (closure.weight * choice.value, choice.pdf * probability);
             classes.add(value, closure.reflected_lobe(), choice.transmitted);
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
@@ -285,19 +284,21 @@ impl Surface {
                     pdf += part.pdf * (closure.sample_weight / total);
                 }
             }
-            classes.share(value);
-            (value / pdf, pdf)
+            (value, pdf)
         };
         // The low bits of a number that chose the direction are as good as a number of their own.
-        let light_lobe =
-            if choice.singular { choice.lobe } else { classes.lobe(self.scatters_around, choice.lobe, u[0]) };
-        let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
-        if !is_valid {
+        let (light_lobe, weight) = if choice.singular {
+            (choice.lobe, value)
+        } else {
+            let (class, part) = classes.choose(value, self.scatters_around, choice.lobe, u[0]);
+            (class, part / pdf)
+        };
+        if !(weight.is_finite() && value.max_element() > 0.0 && pdf > 0.0) {
             return None;
         }
         Some(BsdfSample {
             wi: choice.wi,
-            weight: value,
+            weight,
             pdf,
             lobe: choice.lobe,
             light_lobe,
@@ -325,8 +326,7 @@ impl Surface {
             *density = part.pdf * (closure.sample_weight / total);
         }
         let pdf: f32 = densities.iter().sum();
-        let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
-        if !is_valid {
+        if !(value.is_finite() && value.max_element() > 0.0 && pdf > 0.0) {
             return None;
         }
         let mut rest = u * pdf;
@@ -344,13 +344,13 @@ impl Surface {
             let lobe = closure.lobe_towards(wi);
             (lobe, closure.reach(self.sides, wi, lobe == Lobe::Transmission)?)
         };
-        classes.share(value);
+        let (light_lobe, part) = classes.choose(value, self.scatters_around, lobe, u);
         Some(BsdfSample {
             wi,
-            weight: value / pdf,
+            weight: part / pdf,
             pdf,
             lobe,
-            light_lobe: classes.lobe(self.scatters_around, lobe, u),
+            light_lobe,
             diffuse: closure.is_diffuse(),
             singular: false,
             alpha_squared: closure.alpha_squared(),

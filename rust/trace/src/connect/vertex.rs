@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use relume_dump::{decode_direction, decode_rgb9e5, dither, encode_direction, encode_rgb9e5};
+use relume_dump::{Lobe, decode_direction, decode_rgb9e5, dither, encode_direction, encode_rgb9e5};
 use relume_scene::{BumpShadowing, Scene};
 
 use crate::{
@@ -38,6 +38,7 @@ pub struct PathVertex {
     transparent_left: u8,
     /// Dimming of Lambert's closures about a bent normal.
     bumps: BumpShadowing,
+    first_lobe: Lobe,
 }
 
 /// Parts that some vertices have.
@@ -109,12 +110,18 @@ impl PathVertex {
             depths: depths.map(byte),
             transparent_left: byte(path.transparent_left(limits)),
             bumps,
+            first_lobe: path.first_lobe,
         })
     }
 
     /// Number that lights go by ([`relume_dump::Segment::receiver`]).
     pub fn receiver(&self) -> u16 {
         self.receiver
+    }
+
+    /// Lobe of the first scattering of its path, [`Lobe::Camera`] if that is still to come.
+    pub fn first_lobe(&self) -> Lobe {
+        self.first_lobe
     }
 
     /// Unit normal about which it reflects.
