@@ -120,7 +120,13 @@ impl Connections {
         }))
     }
 
-    /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it.
+    /// True once all levels are prepared that keep their vertices.
+    pub fn is_prepared(&self) -> bool {
+        self.prepared.load(Ordering::Acquire) == self.most_kept()
+    }
+
+    /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it. The next call
+    /// goes on at the tiles that it left out.
     pub fn prepare_next(&self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
         let number = self.prepared.load(Ordering::Acquire);
         if number == self.most_kept() {
@@ -388,6 +394,27 @@ mod tests {
         for nodes in [vec![grey()], glossy_grey(0.6)] {
             compare_with_crossings(closed_box_of((24, 24), nodes).unwrap());
         }
+    }
+
+    #[test]
+    fn preparing_goes_on_where_it_was_stopped() {
+        let scene = Arc::new(closed_box_of((24, 24), vec![grey()]).unwrap());
+        let settings = TraceSettings { samples: 2, tile_size: 8, ..TraceSettings::default() };
+        let manifest = Tracer::new(&scene, &settings).unwrap().manifest();
+        let connections = Connections::new(scene, &manifest, None).unwrap().unwrap();
+        let traced = || connections.levels[0].kept.iter().filter(|tile| tile.get().is_some()).count();
+        let asked = AtomicUsize::new(0);
+        assert!(!connections.prepare_next(&|| asked.fetch_add(1, Ordering::Relaxed) >= 4));
+        assert_eq!((traced(), connections.ready()), (4, 0));
+        let asked = AtomicUsize::new(0);
+        assert!(connections.prepare_next(&|| {
+            asked.fetch_add(1, Ordering::Relaxed);
+            false
+        }));
+        assert_eq!((traced(), connections.ready()), (9, 1));
+        assert!(!connections.is_prepared());
+        while connections.prepare_next(&|| false) {}
+        assert!(connections.is_prepared());
     }
 
     fn compare_with_crossings(scene: Scene) {
