@@ -1,5 +1,5 @@
-use super::shared::{Gate, LiveState, ProxyStatus, Shared, TrainingPlan};
 use super::board::Seat;
+use super::shared::{Gate, LiveState, ProxyStatus, Shared, TrainingPlan};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::features::camera;
 use crate::bake::guiding::{GuideCoverage, GuidingRecord};
@@ -171,7 +171,7 @@ impl WorkRun {
         let seat = self.seat.clone();
         let connect = move || {
             let Preparing(shared) = &preparing;
-            match Connections::new(scene, &manifest, Some(bvh)) {
+            match Connections::new(scene, &manifest, Some(bvh), seat.members()) {
                 Ok(Some(connections)) => {
                     deliver_levels(shared, &seat, &Arc::new(connections), &|| shared.lock().closed);
                 }
@@ -198,7 +198,7 @@ impl WorkRun {
         let stop = || self.cancel.requested() || self.shared.lock().closed;
         self.seat.wait_to_prepare(&stop);
         let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
-        match scene.and_then(|scene| Connections::new(scene, manifest, None)) {
+        match scene.and_then(|scene| Connections::new(scene, manifest, None, self.seat.members())) {
             Ok(Some(connections)) => {
                 deliver_levels(&self.shared, &self.seat, &Arc::new(connections), &stop);
             }
