@@ -14,6 +14,7 @@ from ...engine.shot.checks import ProblemError
 from ...engine.workers.process import NoCopyError
 from ...export.current_shot import active_entry
 from ...live import follow, rows
+from ...live.scheduler import scheduler
 from . import baking
 
 PROBLEMS = (ProblemError, BackgroundError, NoCopyError, ValueError, OSError)
@@ -31,6 +32,7 @@ def remove(scene: bpy.types.Scene) -> None:
     number = state.active
     state.items.remove(number)
     rows.drop_gone_shots(scene)
+    scheduler.request_picture(scene)
     state.active = max(0, min(number, len(state.items) - 1))
 
 
