@@ -164,9 +164,7 @@ def test_views_that_do_not_fit_in_memory_are_named(three, monkeypatch):
     assert "does not fit in memory" in listed_view.refusal(scene, right)
 
 
-def test_of_twelve_large_shots_those_are_shown_that_fit(
-    scene, registered_for_all_files, looks, tmp_path
-):
+def test_of_twelve_large_shots_those_are_shown_that_fit(scene, registered_for_all_files, looks, tmp_path):
     scene.relume.folder = str(tmp_path / "bakes")
     for number in range(11):
         camera = bpy.data.objects.new(f"Camera {number}", bpy.data.cameras.new("Camera"))

@@ -1,5 +1,5 @@
-"""Three shots are listed, baked in another Blender, followed by clicks on the list, given other light in one of them, and
-put on a contact sheet."""
+"""Three shots are listed, baked in another Blender, followed by clicks on the list, given other light in one of
+them, and put on a contact sheet."""
 
 import bpy
 from artist import add_camera, addon
