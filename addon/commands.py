@@ -109,10 +109,12 @@ def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> i
     return 0
 
 
-def _bake(scene: bpy.types.Scene, options: argparse.Namespace, reporter: Reporter) -> dict[str, Any]:
+def _bake(
+    scene: bpy.types.Scene, options: argparse.Namespace, reporter: Reporter, load: shot_commands.LoadScene = load_scene
+) -> dict[str, Any]:
     """Traces a scene into the folder of the options; the native module's report."""
     folder = Path(options.out)
-    exported = load_scene(scene, _export_options(options))
+    exported = load(scene, _export_options(options))
     settings = _settings(scene, options, reporter)
     if use := native().folder_in_use(folder):
         raise ExportError(use)

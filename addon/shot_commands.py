@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +15,17 @@ from .core import shots
 from .core.command_line import UsageError
 from .core.progress import Reporter
 from .core.shots import ListedShot
+from .engine.reading.scene import load_scene_for
 from .engine.shot import shot_list
 from .engine.shot.options import options_of
-from .export import ExportError
+from .export import ExportError, ExportOptions
 from .export.current_shot import entries
 from .export.view_layer import force_layer
 
 OpenScene = Callable[[argparse.Namespace, Reporter], bpy.types.Scene]
-Bake = Callable[[bpy.types.Scene, argparse.Namespace, Reporter], dict[str, Any]]
+LoadScene = Callable[[bpy.types.Scene, ExportOptions], Any]
+"""Reads a scene as `load_scene` does."""
+Bake = Callable[[bpy.types.Scene, argparse.Namespace, Reporter, LoadScene], dict[str, Any]]
 
 LIST_FILE = shot_list.LIST_FILE
 OF_SHOTS = ("camera", "frame", "layer", "resolution", "resolution_percentage")
@@ -35,7 +40,8 @@ def bake_shots(
     words_of: Callable[[Exception], str],
 ) -> int:
     """Traces shots of the scene's list one after the other, and writes the list of what is baked for the native
-    program. One that fails keeps no other from being traced; all are named in the end. Returns the exit code."""
+    program. One that fails keeps no other from being traced; all are named in the end. Shots of one frame, view layer
+    and size follow each other: their scene is read once, where nothing depends on the camera. Returns the exit code."""
     if given := [f"--{name.replace('_', '-')}" for name in OF_SHOTS if getattr(options, name) is not None]:
         raise UsageError(f"{', '.join(given)}: each shot of the list says that itself; leave it out beside --shots")
     _know_the_list()
@@ -45,14 +51,15 @@ def bake_shots(
     problems = _problems(scene, found) if options.out else shot_list.problems(scene)
     failures: dict[str, str] = {}
     camera, frame = scene.camera, scene.frame_current
+    readings = _Readings(wanted)
     try:
-        for number, shot in enumerate(wanted):
+        for number, shot in enumerate(readings.in_turn()):
             about = {"done": number, "total": len(wanted), "remaining_s": None, "message": shot.name}
             reporter.progress({"stage": "shots", **about})
             try:
                 if words := problems.get(shot.key):
                     raise ExportError(words)
-                bake(scene, _options_of(scene, options, shot, frame), reporter)
+                bake(scene, _options_of(scene, options, shot, frame), reporter, partial(readings.load, shot))
             except Exception as error:
                 failures[shot.name] = words_of(error)
     finally:
@@ -67,6 +74,36 @@ def bake_shots(
         reporter.error("; ".join(f"shot '{name}': {reason}" for name, reason in failures.items()))
         return 1
     return 0
+
+
+class _Readings:
+    """Scenes of shots, each read once for all cameras that see the same."""
+
+    def __init__(self, wanted: list[ListedShot]):
+        self._by_state: dict[Any, list[ListedShot]] = {}
+        for shot in wanted:
+            self._by_state.setdefault(_state_of(shot), []).append(shot)
+        self._kept: tuple[Any, Any, dict[str, str]] | None = None
+        """What the newest scene is of, the scene, and the descriptions of cameras that see the same."""
+
+    def in_turn(self) -> list[ListedShot]:
+        """All shots, those with the same scene after each other."""
+        return [shot for found in self._by_state.values() for shot in found]
+
+    def load(self, shot: ListedShot, scene: bpy.types.Scene, options: ExportOptions) -> Any:
+        """The scene of a shot, which Blender's scene shows now."""
+        state = _state_of(shot)
+        if self._kept is not None and self._kept[0] == state and shot.camera in self._kept[2]:
+            return self._kept[1].seen_by(self._kept[2][shot.camera])
+        self._kept = None  # The memory of one scene is enough.
+        others = tuple(other.camera for other in self._by_state[state] if other.camera != shot.camera)
+        read, cameras = load_scene_for(scene, dataclasses.replace(options, others=others))
+        self._kept = (state, read, cameras) if cameras else None
+        return read
+
+
+def _state_of(shot: ListedShot) -> tuple[Any, ...]:
+    return shot.frame, shot.layer, shot.size
 
 
 def _know_the_list() -> None:

@@ -164,6 +164,35 @@ def test_views_that_do_not_fit_in_memory_are_named(three, monkeypatch):
     assert "does not fit in memory" in listed_view.refusal(scene, right)
 
 
+def test_of_twelve_large_shots_those_are_shown_that_fit(scene, registered_for_all_files, looks, tmp_path):
+    scene.relume.folder = str(tmp_path / "bakes")
+    for number in range(11):
+        camera = bpy.data.objects.new(f"Camera {number}", bpy.data.cameras.new("Camera"))
+        scene.collection.objects.link(camera)
+    update()
+    entries = shot_list.add_cameras(scene)
+    cameras = [entry.camera for entry in entries]
+    size = (3840, 2160)
+    for found in shot_list.all_shots(scene):
+        put_bake(found.folder, found.camera, size)
+    show_bake(scene)
+    looks(*cameras)
+    for _ in range(13):
+        scheduler.tick()
+    each = listed_view.PIXEL_BYTES * size[0] * size[1]
+    room = listed_view.MOST_BYTES // each
+    assert 0 < room < 12 and len(names()) == room
+    refused = [listed_view.refusal(scene, camera) for camera in cameras[room:]]
+    assert len(refused) == 12 - room and all("does not fit in memory" in words for words in refused)
+    looks(*cameras[-room:])
+    for _ in range(13):
+        scheduler.tick()
+    seen._looked.clear()
+    for _ in range(13):
+        scheduler.tick()
+    assert {found.camera for found in open_shots.beside(scene)} == {camera.name for camera in cameras[-room:]}
+
+
 def test_a_bake_that_cannot_be_opened_or_read_is_said_in_its_view(three, monkeypatch):
     scene, (_, left, _right) = three
     with monkeypatch.context() as broken:

@@ -10,14 +10,17 @@ import bpy
 import pytest
 import relume
 
+from addon import shot_commands
 from addon.commands import run
 from addon.core.bake_folder import is_bake, size_of
+from addon.engine.reading.scene import load_scene_for
 from addon.engine.shot import background, shot, shot_list
 from addon.engine.shot.options import remembered_bake
+from addon.export.active_camera import asks_for_camera
 from addon.export.current_shot import entries
 from addon.ui import background as ui
 from addon.ui.shots import sheet
-from helpers import SECONDS
+from helpers import SECONDS, add_quad
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -60,13 +63,27 @@ def end(scene):
     return batch
 
 
+@pytest.fixture
+def readings(monkeypatch):
+    """Cameras for which a scene is read."""
+    found = []
+
+    def load(scene, options):
+        found.append(options.camera)
+        return load_scene_for(scene, options)
+
+    monkeypatch.setattr(shot_commands, "load_scene_for", load)
+    return found
+
+
 @pytest.mark.oldest_and_newest
-def test_shots_of_the_list_have_the_bytes_of_single_bakes(shots, tmp_path, capsys):
+def test_shots_of_the_list_have_the_bytes_of_single_bakes(shots, readings, tmp_path, capsys):
     camera, frame = shots.camera, shots.frame_current
     assert run(["bake", "--shots", "all", "--json"]) == 0
     last = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert last["baked"] == ["Camera", "Left", "Right"] and last["failed"] == {}
     assert (shots.camera, shots.frame_current) == (camera, frame), "the scene is as it was"
+    assert readings == ["Camera", "Right"], "two are of one frame, and the scene is read once for both"
     for found in shot_list.all_shots(shots):
         alone = tmp_path / f"alone_{found.name}"
         options = ["--camera", found.camera, "--samples", "4"]
@@ -81,6 +98,119 @@ def test_shots_of_the_list_have_the_bytes_of_single_bakes(shots, tmp_path, capsy
     ]
     lights = {name: (tmp_path / "bake" / f"Scene_{name}" / "lights.json").read_text() for name in ("Left", "Right")}
     assert lights["Left"] != lights["Right"], "each frame has its lights"
+
+
+def cull(scene):
+    """Has a cube be left out for the camera that it is behind."""
+    scene.render.use_simplify = scene.cycles.use_camera_cull = True
+    cube = add_quad(scene, "Beside", size=0.5)
+    cube.location = (3.0, 0.0, 0.0)
+    cube.cycles.use_camera_cull = True
+
+
+def dice(scene):
+    """Subdivides the floor adaptively."""
+    floor = bpy.data.objects["Plane"]
+    floor.modifiers.new("Subdivision", "SUBSURF")
+    if bpy.app.version < (5, 0, 0):
+        scene.cycles.feature_set, floor.cycles.use_adaptive_subdivision = "EXPERIMENTAL", True
+    else:
+        floor.modifiers[0].use_adaptive_subdivision = True
+
+
+def ask_in_material(scene):
+    """Has the floor's colour follow its place before the camera."""
+    material = bpy.data.materials["White"]
+    node = material.node_tree.nodes.new("ShaderNodeVectorTransform")
+    node.convert_from, node.convert_to = "WORLD", "CAMERA"
+    socket = next(each for each in material.node_tree.nodes if each.type == "BSDF_DIFFUSE").inputs["Color"]
+    node.inputs["Vector"].default_value = (0.5, 0.7, 0.9)
+    material.node_tree.links.new(node.outputs[0], socket)
+
+
+def ask_in_nodes(scene):
+    """Has the floor follow the scene's camera by geometry nodes."""
+    group = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "NodeGroupOutput", "GeometryNodeInputActiveCamera", "GeometryNodeObjectInfo")
+    start, end, camera, info = map(group.nodes.new, kinds)
+    move = group.nodes.new("GeometryNodeSetPosition")
+    for source, target in (
+        (camera.outputs[0], info.inputs["Object"]),
+        (start.outputs[0], move.inputs["Geometry"]),
+        (info.outputs["Rotation"], move.inputs["Offset"]),
+        (move.outputs[0], end.inputs[0]),
+    ):
+        group.links.new(source, target)
+    bpy.data.objects["Plane"].modifiers.new("Nodes", "NODES").node_group = group
+
+
+def shrink_the_lamp(scene):
+    """Has the lamp be a point, which is as large as cannot be told from the camera."""
+    bpy.data.objects["Key"].data.shadow_soft_size = 0.0
+
+
+def blur(scene):
+    """Has the shutter be open for a while."""
+    scene.render.use_motion_blur = True
+
+
+def hide_a_camera(scene):
+    """Leaves a camera out of the view layer, which evaluates it only where it is the scene's."""
+    bpy.data.objects["Left"].hide_render = True
+
+
+DEPENDENT = (cull, dice, ask_in_material, ask_in_nodes, shrink_the_lamp, blur, hide_a_camera)
+
+
+@pytest.mark.oldest_and_newest
+@pytest.mark.parametrize("change", DEPENDENT)
+def test_a_scene_that_depends_on_the_camera_is_read_for_each(shots, readings, tmp_path, change):
+    change(shots)
+    bpy.context.view_layer.update()
+    assert run(["bake", "--shots", "Camera,Left", "--samples", "1", "--quiet"]) == 0
+    assert readings == ["Camera", "Left"]
+    for name in ("Camera", "Left"):
+        alone = tmp_path / f"alone_{name}"
+        assert run(["bake", "--out", str(alone), "--camera", name, "--samples", "1", "--quiet"]) == 0
+        assert paths(tmp_path / "bake" / f"Scene_{name}") == paths(alone), name
+
+
+@pytest.mark.oldest_and_newest
+def test_drivers_of_scenes_and_of_python_may_depend_on_the_camera(shots):
+    assert not asks_for_camera()
+    driver = bpy.data.objects["Plane"].driver_add("location", 2).driver
+    driver.expression = "sin(1.0)"
+    assert not asks_for_camera()
+    driver.expression = "len('Camera')"
+    assert asks_for_camera()
+    driver.type = "AVERAGE"
+    variable = driver.variables.new()
+    variable.type = "SINGLE_PROP"
+    assert not asks_for_camera()
+    variable.targets[0].id_type = "SCENE"
+    variable.targets[0].id, variable.targets[0].data_path = shots, "camera.location[0]"
+    assert asks_for_camera()
+
+
+@pytest.mark.oldest_and_newest
+def test_a_camera_that_moves_with_others_is_where_it_would_be_alone(shots, readings, tmp_path):
+    holder = bpy.data.objects.new("Holder", None)
+    shots.collection.objects.link(holder)
+    holder.location.y = 0.5
+    left = bpy.data.objects["Left"]
+    left.parent, left.data.lens, left.data.dof.use_dof = holder, 35.0, True
+    left.data.dof.focus_object = bpy.data.objects["Plane"]
+    left.keyframe_insert("location", frame=1)
+    bpy.data.objects["Camera"].constraints.new("TRACK_TO").target = holder
+    shots.relume_shots.items.move(1, 0)
+    assert run(["bake", "--shots", "all", "--samples", "1", "--quiet"]) == 0
+    assert readings == ["Left", "Right"]
+    for name in ("Camera", "Left"):
+        alone = tmp_path / f"alone_{name}"
+        assert run(["bake", "--out", str(alone), "--camera", name, "--samples", "1", "--quiet"]) == 0
+        assert paths(tmp_path / "bake" / f"Scene_{name}") == paths(alone), name
 
 
 def test_one_that_fails_keeps_no_other_from_being_baked(shots, tmp_path, capsys):

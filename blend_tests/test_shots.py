@@ -1,5 +1,6 @@
 """The list of shots: adding, following, folders, what is wrong, and copies of scenes."""
 
+import json
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -42,11 +43,11 @@ def bind(scene, name, frame, camera):
     scene.timeline_markers.new(name, frame=frame).camera = bpy.data.objects[camera]
 
 
-def put_bake(folder, camera="Camera"):
+def put_bake(folder, camera="Camera", size=(0, 0)):
     """A folder that passes for a bake."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = f'{{"scene_hash": "", "passes": [], "tile_size": 64, "camera": {{"name": "{camera}"}}}}'
-    (folder / "manifest.json").write_text(text)
+    about = {"scene_hash": "", "passes": [], "tile_size": 64, "camera": {"name": camera}}
+    (folder / "manifest.json").write_text(json.dumps(about | dict(zip(("width", "height"), size, strict=True))))
     assert is_bake(folder)
     return folder
 

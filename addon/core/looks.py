@@ -1,7 +1,8 @@
 """Looks: all values of the mix and the lights as they were, as plain JSON that also serves other files.
 
 A look is a JSON object with `"format": "relume-look"` and `"version": 1`. Rows, groups and lights are matched by
-name, so it can be used with every camera and file whose lights have the same names.
+name, so it can be used with every camera and file whose lights have the same names. With values of single shots, which
+are matched by name too, it is of version 2.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from .rows import GROUP, LIGHT, STATIC, WORLD, Row, bare_name
+from .rows import GROUP, LIGHT, STATIC, WORLD, Row, bare_name, with_dials
 
-FORMAT, VERSION = "relume-look", 1
+FORMAT, VERSION, WITH_SHOTS = "relume-look", 1, 2
 KINDS = (LIGHT, GROUP, WORLD, STATIC)
 
 
@@ -31,6 +32,8 @@ class Look:
     lights: tuple[dict[str, Any], ...] = ()
     """Each `{"name", "type", "matrix", "hidden", "settings"}`: `matrix` is world-from-object by rows, `settings`
     maps properties of the Blender light to values. One with `"added": true` is made where there is none of its name."""
+    shots: dict[str, tuple[Row, ...]] = field(default_factory=dict)
+    """Rows that have values of their own in a shot, by its name."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,31 @@ def match(look: Look, present: Iterable[Row]) -> Match:
     """The scene's rows with the values of the look. Groups, world and static light that it does not know become
     neutral. Raises LookError if it has no light of this scene."""
     present = list(present)
-    known = {_key(row): row for row in look.rows}
+    found, left = _matched(look.rows, present)
+    lights = [place for place, row in enumerate(present) if row.kind == LIGHT]
+    unknown = [present[place].name for place in lights if found[place] is None]
+    if lights and len(unknown) == len(lights):
+        raise LookError(f"look '{look.name}' has none of this scene's lights; lights are matched by name")
+    rows = [was or Row(row.name, row.kind, on=row.kind != LIGHT) for was, row in zip(found, present, strict=True)]
+    missing = [row.name for row in left if row.kind in {LIGHT, GROUP}]
+    return Match(rows, missing, unknown)
+
+
+def own_rows(look: Look, shot: str, present: Iterable[Row]) -> list[Row | None]:
+    """Values of their own that a look has for the scene's rows in a shot of that name; None for the others."""
+    return _matched(look.shots.get(shot, ()), list(present))[0]
+
+
+def rows_in(look: Look, shot: str, present: Iterable[Row]) -> list[Row]:
+    """The scene's rows with the values that a look has in a shot of that name. Raises LookError as `match`."""
+    present = list(present)
+    common, own = match(look, present).rows, own_rows(look, shot, present)
+    return [row if found is None else with_dials(row, found) for row, found in zip(common, own, strict=True)]
+
+
+def _matched(rows: Iterable[Row], present: list[Row]) -> tuple[list[Row | None], list[Row]]:
+    """The row for each present one, if there is one, and those that are left."""
+    known = {_key(row): row for row in rows}
     found = [known.pop(_key(row), None) for row in present]
     # Linked here and not where the look was made, or the other way round.
     bare = {_key(replace(row, name=bare_name(row.name))): key for key, row in known.items()}
@@ -57,13 +84,7 @@ def match(look: Look, present: Iterable[Row]) -> Match:
         if found[place] is None:
             key = bare.pop(_key(replace(row, name=bare_name(row.name))), None)
             found[place] = known.pop(key) if key else None
-    lights = [place for place, row in enumerate(present) if row.kind == LIGHT]
-    unknown = [present[place].name for place in lights if found[place] is None]
-    if lights and len(unknown) == len(lights):
-        raise LookError(f"look '{look.name}' has none of this scene's lights; lights are matched by name")
-    rows = [was or Row(row.name, row.kind, on=row.kind != LIGHT) for was, row in zip(found, present, strict=True)]
-    missing = [row.name for row in known.values() if row.kind in {LIGHT, GROUP}]
-    return Match(rows, missing, unknown)
+    return found, list(known.values())
 
 
 def _key(row: Row) -> tuple[str, str]:
@@ -72,7 +93,11 @@ def _key(row: Row) -> tuple[str, str]:
 
 def to_json(look: Look) -> str:
     """The text of a look."""
-    return json.dumps({"format": FORMAT, "version": VERSION, **asdict(look)}, indent=1, ensure_ascii=False)
+    values = asdict(look)
+    if not look.shots:
+        del values["shots"]
+    version = WITH_SHOTS if look.shots else VERSION
+    return json.dumps({"format": FORMAT, "version": version, **values}, indent=1, ensure_ascii=False)
 
 
 def from_json(text: str | bytes) -> Look:
@@ -83,12 +108,21 @@ def from_json(text: str | bytes) -> Look:
         raise LookError(f"this is not a look: it is not JSON ({error})") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise LookError(f'this is not a look: its "format" is not "{FORMAT}"')
-    if data.get("version") != VERSION:
-        raise LookError(f"look of version {data.get('version')!r}; this Relume reads version {VERSION}: update Relume")
+    if data.get("version") not in (VERSION, WITH_SHOTS):
+        known = f"versions {VERSION} and {WITH_SHOTS}"
+        raise LookError(f"look of version {data.get('version')!r}; this Relume reads {known}: update Relume")
     name = _checked(data, "name", _is_text, "look")
     rows = tuple(_row(entry) for entry in _checked(data, "rows", _is_list, f"look '{name}'"))
     lights = tuple(_light(entry) for entry in _checked(data, "lights", _is_list, f"look '{name}'"))
-    return Look(name, rows, lights)
+    shots = _checked({"shots": {}} | data, "shots", lambda value: isinstance(value, dict), f"look '{name}'")
+    return Look(name, rows, lights, {shot: _rows_of_shot(shots, shot) for shot in shots})
+
+
+def _rows_of_shot(shots: dict[str, Any], shot: str) -> tuple[Row, ...]:
+    where = f"shot {shot!r}"
+    if not _is_text(shot):
+        raise LookError(f"damaged look: {where} has no usable name")
+    return tuple(_row(entry) for entry in _checked(shots, shot, _is_list, where))
 
 
 def _row(entry: Any) -> Row:

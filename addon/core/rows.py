@@ -18,6 +18,8 @@ from typing import Any
 from .blackbody import blackbody_color
 
 LIGHT, GROUP, WORLD, STATIC = "LIGHT", "GROUP", "WORLD", "STATIC"
+DIALS = ("on", "exposure", "multiplier", "color", "use_kelvin", "kelvin")
+"""What a row can have of its own in a single shot."""
 NEUTRAL, SILENT = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]
 ROUNDING = 1e-6
 
@@ -45,6 +47,11 @@ class Row:
         strength = 2.0**self.exposure * self.multiplier
         tint = blackbody_color(self.kelvin) if self.use_kelvin else (1.0, 1.0, 1.0)
         return [strength * color * kelvin for color, kelvin in zip(self.color, tint, strict=True)]
+
+
+def with_dials(row: Row, other: Row) -> Row:
+    """The row with what another one has that can differ between shots."""
+    return replace(row, **{name: getattr(other, name) for name in DIALS})
 
 
 def bare_name(name: str) -> str:

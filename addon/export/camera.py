@@ -16,6 +16,23 @@ class UnsupportedCameraError(Exception):
     """A camera that Relume cannot take."""
 
 
+class WatchedCamera:
+    """Stands for an evaluated camera object while a scene is read, and notes whether anything asks for its values: a
+    scene of which nothing does is the same for all cameras."""
+
+    def __init__(self, camera: bpy.types.Object):
+        self._camera = camera
+        self.is_used = False
+
+    def note_use(self) -> None:
+        """Notes that something depends on which camera it is."""
+        self.is_used = True
+
+    def __getattr__(self, name: str) -> Any:
+        self.note_use()
+        return getattr(self._camera, name)
+
+
 def film_size(render: bpy.types.RenderSettings, percentage: int | None = None) -> tuple[int, int]:
     """Width and height in pixels, rounded down as Blender does; `percentage` overrides that of the scene."""
     percentage = percentage or render.resolution_percentage

@@ -7,6 +7,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .camera import WatchedCamera
+
 SWITCHES = ("use_camera_cull", "use_distance_cull")
 
 
@@ -22,13 +24,13 @@ def culling_settings(scene: bpy.types.Scene) -> list[Any]:
 class Culling:
     """Test of which objects are left out of a scene for a camera."""
 
-    def __init__(self, depsgraph: bpy.types.Depsgraph, camera: bpy.types.Object):
+    def __init__(self, depsgraph: bpy.types.Depsgraph, camera: WatchedCamera):
         scene = depsgraph.scene
         self.by_camera = self.by_distance = False
-        self.camera = np.array(camera.matrix_world)
         if not culling_settings(scene):
             return
         cycles, render = scene.cycles, scene.render
+        self.camera = np.array(camera.matrix_world)
         self.margin, self.most_distance = cycles.camera_cull_margin, cycles.distance_cull_margin
         self.by_camera = cycles.use_camera_cull and camera.data.type != "PANO"
         self.by_distance = cycles.use_distance_cull and self.most_distance > 0.0

@@ -30,9 +30,14 @@ def entries(scene: bpy.types.Scene) -> list[Any]:
 def current_entry(scene: bpy.types.Scene) -> Any:
     """The active shot if the scene has its camera and its frame, else the first one of which that is so. None
     otherwise: the scene then has its automatic shot."""
-    found = [entry for entry in entries(scene) if _is_current(scene, entry)]
+    return next(iter(current_entries(scene)), None)
+
+
+def current_entries(scene: bpy.types.Scene) -> list[Any]:
+    """The shots of the scene's camera and frame, such as those of several view layers; the active one first."""
     active = active_entry(scene)
-    return next((entry for entry in found if entry == active), found[0]) if found else None
+    found = [entry for entry in entries(scene) if _is_current(scene, entry)]
+    return sorted(found, key=lambda entry: entry != active)
 
 
 def active_entry(scene: bpy.types.Scene) -> Any:

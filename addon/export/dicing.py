@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from .arrays import stored
-from .camera import camera_json
+from .camera import WatchedCamera, camera_json
 
 OF_CAGE = (4, 5, 0)
 """Version from which on the surface is that of the mesh before the modifier. Before, the modifier's own levels come
@@ -107,7 +107,7 @@ def set_normals(arrays: dict[str, Any], mesh: bpy.types.Mesh, is_smooth: bool, i
 class DicingExporter:
     """How finely the meshes of a scene are diced."""
 
-    def __init__(self, depsgraph: bpy.types.Depsgraph, camera: bpy.types.Object, size: tuple[int, int]):
+    def __init__(self, depsgraph: bpy.types.Depsgraph, camera: WatchedCamera, size: tuple[int, int]):
         """`camera` and `size` are those of the picture."""
         self.depsgraph, self.size = depsgraph, size
         chosen = dicing_camera(depsgraph.scene)

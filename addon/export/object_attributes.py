@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any, TypeAlias
 
@@ -13,6 +13,7 @@ import bpy
 from mathutils import Matrix
 
 from ..core.random_number import random_of_number
+from .camera import WatchedCamera
 
 Rgba: TypeAlias = tuple[float, float, float, float]
 
@@ -34,15 +35,23 @@ class Surroundings:
 
     value_of_layer: Callable[[str], Rgba] = lambda _name: NO_VALUE
     """Finds an attribute of the view layer, or else of its scene or world."""
-    world_from_camera: Matrix = field(default_factory=Matrix)
-    """Transform of Cycles' camera, which has no scale and looks along +z."""
+    world_from_camera: Callable[[], Matrix] = Matrix
+    """Finds the transform of Cycles' camera, which has no scale and looks along +z."""
 
 
-def surroundings_of(depsgraph: bpy.types.Depsgraph, camera: bpy.types.Object) -> Surroundings:
+def surroundings_of(depsgraph: bpy.types.Depsgraph, camera: WatchedCamera) -> Surroundings:
     """Surroundings of what a depsgraph renders with a camera."""
     scene, layer = depsgraph.scene_eval, depsgraph.view_layer_eval
-    world_from_camera = camera.matrix_world.normalized() @ Matrix.Diagonal((1.0, 1.0, -1.0, 1.0))
-    return Surroundings(lambda name: value_of_layer(scene, layer, name), world_from_camera)
+
+    def of_layer(name: str) -> Rgba:
+        if name.startswith("camera"):  # A path to a property, such as `camera.location`.
+            camera.note_use()
+        return value_of_layer(scene, layer, name)
+
+    def world_from_camera() -> Matrix:
+        return camera.matrix_world.normalized() @ Matrix.Diagonal((1.0, 1.0, -1.0, 1.0))
+
+    return Surroundings(of_layer, world_from_camera)
 
 
 def object_name(kind: str, name: str) -> str:

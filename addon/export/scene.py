@@ -13,7 +13,8 @@ import bpy
 import numpy as np
 
 from ..core.random_number import MASK, random_of_name
-from .camera import camera_json, film_size
+from .active_camera import asks_for_camera
+from .camera import WatchedCamera, camera_json, film_size
 from .culling import Culling
 from .curves import CurvesExporter, Move, Strands
 from .dicing import DicingExporter
@@ -47,6 +48,8 @@ class ExportOptions:
     """Overrides the scene's resolution percentage."""
     resolution: tuple[int, int] | None = None
     """Width and height in pixels; the scene's if None."""
+    others: tuple[str, ...] = ()
+    """Names of cameras that see the same scene, if nothing in it depends on which it is."""
 
 
 RenderWorld = Callable[[NodeGraph], np.ndarray]
@@ -69,10 +72,11 @@ def export_scene(
     render_world: RenderWorld = _no_render,
     convert_image: Convert = no_convert,
     frame_set: FrameSet | None = None,
-) -> None:
+) -> dict[str, str]:
     """Feeds `builder` (a `relume.SceneBuilder`) with everything that `depsgraph` renders. What a world's nodes do
     `render_world` finds out where they are more than a colour or an environment texture. `convert_image` knows all
-    colour spaces. `frame_set` shows other frames in the depsgraph; without it nothing moves."""
+    colour spaces. `frame_set` shows other frames in the depsgraph; without it nothing moves.
+    Returns descriptions of the other cameras that see the very same scene, by their names."""
     if depsgraph.mode != "RENDER":
         raise ExportError("the scene must be evaluated for rendering; start the export from a render engine")
     scene = depsgraph.scene_eval
@@ -80,11 +84,16 @@ def export_scene(
     camera = _camera_object(depsgraph, options)
     builder.set_camera(camera_json(camera, scene, size))
     frame = scene.frame_current
+    watched = WatchedCamera(camera)
     with followed(depsgraph, camera, frame_set) as motion:
-        dicing = DicingExporter(depsgraph, camera, size)
-        _SceneExporter(builder, depsgraph, camera, render_world, convert_image, motion, frame, dicing).run()
+        dicing = DicingExporter(depsgraph, watched, size)
+        _SceneExporter(builder, depsgraph, watched, render_world, convert_image, motion, frame, dicing).run()
         if moved := motion.camera_json(camera):
             builder.set_camera(camera_json(camera, scene, size, moved))
+    if not options.others or watched.is_used or motion.shutter is not None or asks_for_camera():
+        return {}
+    evaluated = {obj.name: obj for obj in depsgraph.objects if obj.type == "CAMERA" and not obj.hide_render}
+    return {name: camera_json(evaluated[name], scene, size) for name in options.others if name in evaluated}
 
 
 def _camera_object(depsgraph: bpy.types.Depsgraph, options: ExportOptions) -> bpy.types.Object:
@@ -129,7 +138,7 @@ class _SceneExporter:
         self,
         builder: Any,
         depsgraph: bpy.types.Depsgraph,
-        camera: bpy.types.Object,
+        camera: WatchedCamera,
         render_world: RenderWorld,
         convert_image: Convert,
         motion: Motion,

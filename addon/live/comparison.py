@@ -9,12 +9,13 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..core.looks import match
+from ..core.looks import rows_in
 from ..core.receivers import with_numbers
 from ..core.rows import mix_for
 from ..core.status import is_final
 from ..engine.shot import requests
 from ..engine.shot import shot as shots
+from ..export.current_shot import entries
 from ..viewport import compare
 from . import rows
 from .scheduler import scheduler
@@ -97,7 +98,8 @@ def request_of(scene: bpy.types.Scene, shot: shots.Shot, look: Any) -> str:
         return with_numbers(request, shot.lights.receivers)
     lights = scheduler.lights_of(scene, shot)
     present, groups, memberships = rows.plain(scene)
-    values = match(look.look(), [*present, *groups]).rows
+    entry = next((entry for entry in entries(scene) if entry.key == shot.key), None)
+    values = rows_in(look.look(), entry.name if entry is not None else "", [*present, *groups])
     names = [light["name"] for light in lights]
     mix = mix_for(names, values[: len(present)], values[len(present) :], memberships)
     return requests.request_text({"lights": lights, **mix})

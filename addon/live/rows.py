@@ -17,6 +17,8 @@ import numpy as np
 
 from ..core import rows as core
 from ..core.rows import GROUP, LIGHT, STATIC, WORLD
+from ..core.shots import AUTOMATIC
+from ..export.current_shot import current_entry, entries
 from ..export.light_tree import Line, is_light, light_tree
 from ..export.lights import name_of
 
@@ -31,8 +33,8 @@ _silencers: list[None] = []
 """An entry for each context that writes rows silently."""
 _outdated: set[int] = set()
 """Scenes whose rows are to be compared."""
-_mixes: dict[int, tuple[tuple, dict[str, Any]]] = {}
-"""Newest mix of each scene, with all that it follows from."""
+_mixes: dict[tuple[int, str], tuple[tuple, dict[str, Any]]] = {}
+"""Newest mix of each scene and key of a shot, with all that it follows from."""
 
 
 @contextmanager
@@ -51,9 +53,51 @@ def are_silent() -> bool:
 
 
 def take(row: Any, values: core.Row) -> None:
-    """Sets what an artist sets of a row; asks for no picture."""
+    """Sets what an artist sets of a row, or of its values in one shot; asks for no picture."""
     with silently():
-        _write(row, {name: getattr(values, name) for name in VALUES})
+        _write(row, {name: getattr(values, name) for name in VALUES if hasattr(row, name)})
+
+
+def own_values(row: Any, shot: str) -> Any | None:
+    """The values that a row has in the shot of a key alone; None without."""
+    return next((own for own in row.own if own.shot == shot), None)
+
+
+def give_own_values(row: Any, shot: str, values: core.Row) -> None:
+    """Gives a row values of its own in the shot of a key; asks for no picture."""
+    own = own_values(row, shot)
+    if own is None:
+        own = row.own.add()
+        own.shot = shot
+    take(own, values)
+
+
+def drop_own_values(row: Any, shot: str | None = None) -> None:
+    """Takes a row's values of the shot of a key away, or those of all shots."""
+    for place in reversed([place for place, own in enumerate(row.own) if shot in {None, own.shot}]):
+        row.own.remove(place)
+
+
+def drop_gone_shots(scene: bpy.types.Scene) -> None:
+    """Takes values of shots away that are not in the list any more."""
+    if not hasattr(scene, "relume_shots"):
+        return
+    keys = {entry.key for entry in entries(scene)}
+    for row in scene.relume_mix.rows:
+        for gone in {own.shot for own in row.own} - keys:
+            drop_own_values(row, gone)
+
+
+def current_key(scene: bpy.types.Scene) -> str:
+    """Key of the current shot, whose values the rows show and set."""
+    entry = current_entry(scene)
+    return AUTOMATIC if entry is None else entry.key
+
+
+def shots_with_own_values(scene: bpy.types.Scene, rows: Iterable[Any]) -> list[Any]:
+    """Entries of the shots in which some of the rows have values of their own."""
+    keys = {own.shot for row in rows for own in row.own}
+    return [entry for entry in entries(scene) if entry.key in keys]
 
 
 def present_rows(scene: bpy.types.Scene) -> list[Any]:
@@ -68,33 +112,35 @@ def active_row(scene: bpy.types.Scene) -> Any | None:
     return row if row and row.present else None
 
 
-def mix(scene: bpy.types.Scene, lights: Iterable[str]) -> dict[str, Any]:
-    """Gains from the rows for lights by their names in the native scene, for `Shot.relight`. Kept as long as no row
-    changes, for example while one of many lights is dragged."""
-    key = _contents(scene), tuple(lights)
-    kept = _mixes.get(scene.session_uid)
+def mix(scene: bpy.types.Scene, lights: Iterable[str], shot: str = AUTOMATIC) -> dict[str, Any]:
+    """Gains from the rows for lights by their names in the native scene, for `Shot.relight`, in the shot of a key. Kept
+    as long as no row changes, for example while one of many lights is dragged."""
+    key, place = (_contents(scene, shot), tuple(lights)), (scene.session_uid, shot)
+    kept = _mixes.get(place)
     if kept is None or kept[0] != key:
-        kept = _mixes[scene.session_uid] = key, core.mix_for(key[1], *plain(scene))
+        kept = _mixes[place] = key, core.mix_for(key[1], *plain(scene, shot))
     return kept[1]
 
 
-def _contents(scene: bpy.types.Scene) -> tuple:
+def _contents(scene: bpy.types.Scene, shot: str) -> tuple:
     """All that `plain` reads, read at once, which is quicker than row by row."""
     rows = scene.relume_mix.rows
     numbers = []
     for name in ("present", *VALUES):
         numbers.append(np.empty(3 * len(rows) if name == "color" else len(rows), np.float32))
         rows.foreach_get(name, numbers[-1])
-    return np.concatenate(numbers).tobytes(), [(row.name, row.kind, row.groups) for row in rows]
+    names = [(row.name, row.kind, row.groups) for row in rows]
+    own = [(place, own.dials()) for place, row in enumerate(rows) for own in row.own if own.shot == shot]
+    return np.concatenate(numbers).tobytes(), names, own
 
 
-def plain(scene: bpy.types.Scene) -> tuple[list[core.Row], list[core.Row], dict[str, list[str]]]:
-    """Rows, groups and memberships, as `core.rows.mix` takes them."""
+def plain(scene: bpy.types.Scene, shot: str = AUTOMATIC) -> tuple[list[core.Row], list[core.Row], dict[str, list[str]]]:
+    """Rows, groups and memberships, as `core.rows.mix` takes them, in the shot of a key."""
     rows: list[core.Row] = []
     groups: list[core.Row] = []
     memberships: dict[str, list[str]] = {}
     for row in present_rows(scene):
-        (groups if row.kind == GROUP else rows).append(row.values())
+        (groups if row.kind == GROUP else rows).append(row.values(shot))
         if row.kind == LIGHT:
             memberships[row.name] = row.groups.split("\n") if row.groups else []
     return rows, groups, memberships
@@ -110,6 +156,7 @@ def sync(scene: bpy.types.Scene) -> None:
     if not scene.is_editable:
         return
     state = scene.relume_mix
+    drop_gone_shots(scene)
     wanted = [_line_values(line) for line in light_tree(scene)]
     _lift_out_of_singles(wanted)
     rest = {"uid": 0, "depth": 0, "groups": "", "hidden": False, "named": False, "single": False}

@@ -68,10 +68,11 @@ class Scheduler:
         content = self.content_of(scene, shot)
         return shot.relight(content.pop("lights"), content, interactive, world)
 
-    def content_of(self, scene: bpy.types.Scene, shot: shots.Shot) -> dict[str, Any]:
-        """Content of a request for a scene's picture: its "lights", "gains", "world" and "static"."""
+    def content_of(self, scene: bpy.types.Scene, shot: shots.Shot, key: str | None = None) -> dict[str, Any]:
+        """Content of a request for a scene's picture: its "lights", "gains", "world" and "static". Rows are as in the
+        shot of a key; by default as in the one whose lights these are."""
         lights = self.lights_of(scene, shot)
-        mix = rows.mix(scene, [light["name"] for light in lights])
+        mix = rows.mix(scene, [light["name"] for light in lights], shot.key if key is None else key)
         world = [gain * factor for gain, factor in zip(mix["world"], shot.changes.world_gain(), strict=True)]
         return {"lights": lights, **mix, "world": world}
 

@@ -14,11 +14,12 @@ from bpy.props import BoolProperty, CollectionProperty, IntProperty, PointerProp
 from ..apply import new_lights
 from ..apply.look_lights import light_state, refusals, restore_lights
 from ..apply.writable import RefusedError
-from ..core.looks import Look, LookError, from_json, match, to_json
+from ..core.looks import Look, LookError, from_json, match, own_rows, to_json
 from ..core.receivers import with_names
 from ..engine.reading import usd_files
 from ..engine.shot import requests
 from ..engine.shot import shot as shots
+from ..export.current_shot import entries
 from ..export.light_tree import light_objects
 from ..export.lights import name_of
 from ..live import rows
@@ -61,7 +62,7 @@ class Outcome:
     """Parts of a look that had no counterpart in the scene."""
 
     missing: list[str]
-    """Lights and groups of the look that the scene does not have."""
+    """Lights, groups and shots of the look that the scene does not have."""
     unknown: list[str]
     """Lights of the scene that the look does not know; they are switched off."""
 
@@ -89,9 +90,13 @@ def snapshot(scene: bpy.types.Scene, name: str = "Look") -> RelumeLook:
 def current(scene: bpy.types.Scene, name: str) -> Look:
     """Rows and lights as they are."""
     rows.sync(scene)
-    return Look(
-        name, tuple(row.values() for row in rows.present_rows(scene)), tuple(map(light_state, light_objects(scene)))
-    )
+    present = rows.present_rows(scene)
+    own = {
+        entry.name: tuple(row.values(entry.key) for row in present if rows.own_values(row, entry.key) is not None)
+        for entry in rows.shots_with_own_values(scene, present)
+    }
+    lights = tuple(map(light_state, light_objects(scene)))
+    return Look(name, tuple(row.values() for row in present), lights, own)
 
 
 def add(scene: bpy.types.Scene, look: Look) -> RelumeLook:
@@ -113,8 +118,8 @@ def free_name(name: str, others: set[str]) -> str:
 
 
 def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome:
-    """Puts the rows back, and with `lights` the lights as they were too. Raises LookError or RefusedError, and has then
-    written nothing."""
+    """Puts the rows back, also their values in single shots, and with `lights` the lights as they were too. Raises
+    LookError or RefusedError, and has then written nothing."""
     rows.sync(scene)
     if not (lights and any(state.get("added") for state in look.lights)):
         match(look, [row.values() for row in rows.present_rows(scene)])
@@ -123,9 +128,19 @@ def restore(scene: bpy.types.Scene, look: Look, lights: bool = False) -> Outcome
     present = rows.present_rows(scene)
     matched = match(look, [row.values() for row in present])
     for row, values in zip(present, matched.rows, strict=True):
+        rows.drop_own_values(row)
         row.take(values)
+    for entry in entries(scene):
+        for row, own in zip(present, own_rows(look, entry.name, matched.rows), strict=True):
+            if own is not None:
+                rows.give_own_values(row, entry.key, own)
     scheduler.read_lights(scene)
-    return Outcome(matched.missing, matched.unknown)
+    return Outcome(matched.missing + _missing_shots(scene, look), matched.unknown)
+
+
+def _missing_shots(scene: bpy.types.Scene, look: Look) -> list[str]:
+    there = {entry.name for entry in entries(scene)}
+    return [f"shot '{name}'" for name in look.shots if name not in there]
 
 
 def _restore_lights(scene: bpy.types.Scene, look: Look) -> None:
@@ -164,7 +179,7 @@ def import_file(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, Outcome
     look = from_json(path.read_bytes())
     rows.sync(scene)
     matched = match(look, [row.values() for row in rows.present_rows(scene)])
-    return add(scene, look), Outcome(matched.missing, matched.unknown)
+    return add(scene, look), Outcome(matched.missing + _missing_shots(scene, look), matched.unknown)
 
 
 def import_lights(scene: bpy.types.Scene, path: Path) -> tuple[RelumeLook, list[str]]:

@@ -6,19 +6,21 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import bpy
-from bpy.props import StringProperty
+from bpy.props import BoolProperty, StringProperty
 
 from ..apply.lights import apply_mix, show
 from ..apply.writable import RefusedError
 from ..core.rows import GROUP, LIGHT, STATIC, Row, is_neutral
 from ..engine.reading.visibility import hidden_by
 from ..engine.shot import shot
+from ..export.current_shot import current_entry
 from ..export.light_tree import light_tree
 from ..export.lights import name_of
 from ..live import rows
 from ..live.scheduler import scheduler
 from ..viewport.side_bar import elided
-from .panel import RelumePanel
+from .own_lights import RELUME_OT_copy_for_shot
+from .panel import RelumePanel, message
 from .rows import RelumeRow
 from .solve import locks
 
@@ -44,6 +46,9 @@ def apply_to_lights(scene: bpy.types.Scene) -> None:
     """Writes the mix into the lights and makes the rows neutral: the picture stays. What emissive materials have
     cannot be written, so their row keeps it. Raises RefusedError."""
     rows.sync(scene)
+    if own := rows.shots_with_own_values(scene, rows.present_rows(scene)):
+        names = ", ".join(f"'{entry.name}'" for entry in own)
+        raise RefusedError([f"rows have values of their own in {names}, and a light shines alike in all shots"])
     lines = {name_of(line.block): line for line in light_tree(scene) if line.kind == LIGHT}
     named, instanced = {name for name, line in lines.items() if line.is_named}, _instanced(scene)
     shown_anyway = named if instanced is None else named & instanced
@@ -64,9 +69,26 @@ def _instanced(scene: bpy.types.Scene) -> set[str] | None:
 
 
 def reset(scene: bpy.types.Scene, neutral_rows: Iterable[RelumeRow] | None = None) -> None:
-    """Makes rows neutral, all of them by default, and shows it."""
-    for row in rows.present_rows(scene) if neutral_rows is None else neutral_rows:
-        row.take(Row(row.name))
+    """Makes rows neutral, and shows it: by default all of them, in all shots, otherwise as the current shot has
+    them."""
+    if neutral_rows is None:
+        for row in rows.present_rows(scene):
+            rows.drop_own_values(row)
+            row.take(Row(row.name))
+    else:
+        shot = rows.current_key(scene)
+        for row in neutral_rows:
+            row.shown(shot).take(Row(row.name))
+    scheduler.request_picture(scene)
+
+
+def only_this_shot(scene: bpy.types.Scene, row: RelumeRow, only: bool) -> None:
+    """Gives a row values of its own in the current shot, at first those that it has; or takes them away."""
+    shot = rows.current_key(scene)
+    if only:
+        rows.give_own_values(row, shot, row.values(shot))
+    else:
+        rows.drop_own_values(row, shot)
     scheduler.request_picture(scene)
 
 
@@ -154,6 +176,38 @@ class RELUME_OT_reset_row(bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
+class RELUME_OT_only_this_shot(bpy.types.Operator):  # noqa: N801
+    """Give this row values of its own in the current shot. All other shots keep the common ones"""
+
+    bl_idname = "relume.only_this_shot"
+    bl_label = "Only This Shot"
+    bl_options = {"REGISTER", "UNDO"}
+
+    only: BoolProperty(
+        name="Only This Shot", description="Own values, or those of all shots", default=True, options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def description(cls, context, properties):
+        """The tooltip."""
+        entry = current_entry(context.scene)
+        if entry is None:
+            return cls.__doc__
+        if properties.only:
+            return f"Give this row values of its own in the shot '{entry.name}'. All other shots keep the common ones"
+        return f"Give this row the common values in the shot '{entry.name}' again. Its own ones are forgotten"
+
+    @classmethod
+    def poll(cls, context):
+        """True if a row is chosen, and the scene's camera and frame are those of a listed shot."""
+        return rows.active_row(context.scene) is not None and current_entry(context.scene) is not None
+
+    def execute(self, context):
+        """Called by Blender."""
+        only_this_shot(context.scene, rows.active_row(context.scene), self.only)
+        return {"FINISHED"}
+
+
 class _OnLight:
     """Mix-in of operators on the light of a row."""
 
@@ -204,17 +258,19 @@ class RELUME_UL_rows(bpy.types.UIList):  # noqa: N801
         split = layout.split(factor=room / (room + FIGURES), align=True)
         line = split.row(align=True)
         # Switches stand in columns: between indent and name they would hide which row is inside of which.
+        shot = rows.current_key(context.scene)
+        shown = row.shown(shot)
         cell = _cell(line, 0.75)
         if is_hidden(context.scene, row):
             cell.operator("relume.show_light", text="", icon="HIDE_ON", emboss=False).light = row.name
         else:
-            cell.prop(row, "on", text="")
+            cell.prop(shown, "on", text="")
         _cell(line, 0.65).prop(row, "solo", text="S", toggle=True)
-        _draw_name(line, row, row.depth if mix.grouped else 0, room - SWITCHES - MARGIN, width > WIDE)
+        _draw_name(line, row, row.depth if mix.grouped else 0, room - SWITCHES - MARGIN, width > WIDE, shot)
         line = split.row(align=True)
         # The edges of a number's field would take the place of its digits.
-        line.prop(row, "exposure", text="", emboss=False)
-        _cell(line, 0.5).prop(row, "color", text="")
+        line.prop(shown, "exposure", text="", emboss=False)
+        _cell(line, 0.5).prop(shown, "color", text="")
         locks.draw_lock(_cell(line, 0.7), context.scene, row)
 
     def filter_items(self, _context, data, _property):
@@ -244,7 +300,7 @@ def shown_rows(items, order: list[int], search: str = "", grouped: bool = True) 
     return shown
 
 
-def _draw_name(line, row: RelumeRow, depth: int, room: float, has_icon: bool) -> None:
+def _draw_name(line, row: RelumeRow, depth: int, room: float, has_icon: bool, shot: str) -> None:
     """Draws all between the switches of a row and its exposure, in `room` pixels at a scale of 1."""
     if depth:
         indent = INDENT * depth + (0.0 if row.kind == GROUP else FOLD)
@@ -255,9 +311,12 @@ def _draw_name(line, row: RelumeRow, depth: int, room: float, has_icon: bool) ->
         _cell(line, 0.7).prop(row, "open", text="", icon=icon, emboss=False)
         room -= TRIANGLE
     # A dot, as values that are set in the details alone would otherwise not be seen.
-    has_dot = row.multiplier != 1.0 or row.use_kelvin
-    name = elided(row.name, room - DOT * has_dot - ICON * has_icon)
+    shown, is_own = row.shown(shot), rows.own_values(row, shot) is not None
+    has_dot = shown.multiplier != 1.0 or shown.use_kelvin
+    name = elided(row.name, room - DOT * has_dot - ICON * (has_icon + is_own))
     line.label(text=name, icon=row.icon if has_icon else "NONE")
+    if is_own:
+        _cell(line, 0.8).label(text="", icon="OUTLINER_OB_CAMERA")
     if has_dot:
         _cell(line, 0.5).label(text="", icon="DOT")
 
@@ -303,21 +362,42 @@ def _draw_details(box, scene: bpy.types.Scene, row: RelumeRow) -> None:
     if row.kind == LIGHT:
         line.operator("relume.select_light", text="", icon="RESTRICT_SELECT_OFF").light = row.name
     line.operator("relume.reset_row", text="", icon="LOOP_BACK")
+    shown = _draw_shots(box, scene, row)
     column = box.column(align=True)
-    column.prop(row, "exposure", slider=True)
-    column.prop(row, "multiplier")
+    column.prop(shown, "exposure", slider=True)
+    column.prop(shown, "multiplier")
     line = box.row(align=True)
-    line.prop(row, "color", text="")
-    line.prop(row, "use_kelvin", toggle=True)
-    if row.use_kelvin:
-        line.prop(row, "kelvin", text="")
+    line.prop(shown, "color", text="")
+    line.prop(shown, "use_kelvin", toggle=True)
+    if shown.use_kelvin:
+        line.prop(shown, "kelvin", text="")
     locks.draw_parameters(box, scene, row)
+
+
+def _draw_shots(box, scene: bpy.types.Scene, row: RelumeRow):
+    """Draws for which shots the values below are; returns these."""
+    entry = current_entry(scene)
+    own = rows.own_values(row, entry.key) if entry is not None else None
+    if entry is not None and (len(scene.relume_shots.items) > 1 or own is not None):
+        line = box.row(align=True)
+        button = line.operator(
+            "relume.only_this_shot", text=f"Only in {entry.name}", icon="OUTLINER_OB_CAMERA", depress=own is not None
+        )
+        button.only = own is None
+        if row.kind == LIGHT:
+            line.operator("relume.copy_for_shot", text="", icon="DUPLICATE").light = row.name
+    others = [other.name for other in rows.shots_with_own_values(scene, [row]) if other != entry]
+    if others:
+        message(box, f"Other values in {', '.join(others)}", "INFO")
+    return own or row
 
 
 CLASSES = (
     RELUME_OT_apply,
     RELUME_OT_read,
     RELUME_OT_reset_row,
+    RELUME_OT_only_this_shot,
+    RELUME_OT_copy_for_shot,
     RELUME_OT_select_light,
     RELUME_OT_show_light,
     RELUME_UL_rows,

@@ -18,6 +18,7 @@ from bpy.props import (
 
 from ..core import rows as core
 from ..core.rows import GROUP, LIGHT, STATIC, WORLD
+from ..core.shots import AUTOMATIC
 from ..live import rows
 from ..live.scheduler import scheduler
 from .solve.settings import RelumeLocks
@@ -28,39 +29,11 @@ def _edited(row: RelumeRow, _context: Any) -> None:
         scheduler.request_picture(row.id_data, interactive=True)
 
 
-class RelumeRow(bpy.types.PropertyGroup):
-    """One line of the mix; kept in the .blend file."""
+class _Dials:
+    """Mix-in of property groups with the values that can differ between shots."""
 
-    kind: EnumProperty(
-        name="Kind",
-        description="What the row stands for",
-        items=[
-            (LIGHT, "Light", "A light object"),
-            (GROUP, "Group", "A collection with lights in it"),
-            (WORLD, "World", "Light of the world"),
-            (STATIC, "Emissive Materials", "Light of emissive materials"),
-        ],
-        options={"HIDDEN"},
-    )
-    uid: IntProperty(name="Session UID", description="Finds the light again under another name", options={"HIDDEN"})
-    groups: StringProperty(name="Groups", description="Collections with this light, by line", options={"HIDDEN"})
-    present: BoolProperty(name="Present", description="Whether the scene has this light now", options={"HIDDEN"})
-    hidden: BoolProperty(name="Hidden", description="Whether renders or views lack this light", options={"HIDDEN"})
-    named: BoolProperty(
-        name="Named", description="Whether geometry nodes or particles may show this light itself", options={"HIDDEN"}
-    )
-    depth: IntProperty(name="Depth", description="Collections around this row that have a line", options={"HIDDEN"})
-    single: BoolProperty(name="Single", description="Whether a collection has one light alone", options={"HIDDEN"})
-    order: IntProperty(name="Order", description="Place in the list", options={"HIDDEN"})
-    icon: StringProperty(name="Icon", description="Icon of the row", options={"HIDDEN"})
-    open: BoolProperty(name="Open", description="Show the rows of this collection", default=True)
     on: BoolProperty(
         name="On", description="Whether this light shines. Writes nothing to the scene", default=True, update=_edited
-    )
-    solo: BoolProperty(
-        name="Solo",
-        description="Only soloed rows are seen; several can be. A soloed group is all of its lights",
-        update=_edited,
     )
     exposure: FloatProperty(
         name="Exposure",
@@ -111,25 +84,65 @@ class RelumeRow(bpy.types.PropertyGroup):
         update=_edited,
     )
 
-    locks: PointerProperty(type=RelumeLocks, name="Locks", description="What solving may change of this light")
-
-    def values(self) -> core.Row:
-        """The row as plain data."""
-        return core.Row(
-            name=self.name,
-            kind=self.kind,
-            on=self.on,
-            solo=self.solo,
-            exposure=self.exposure,
-            multiplier=self.multiplier,
-            color=tuple(self.color),
-            use_kelvin=self.use_kelvin,
-            kelvin=self.kelvin,
-        )
+    def dials(self) -> dict[str, Any]:
+        """These values, by the names of `core.rows.Row`."""
+        return {name: getattr(self, name) for name in core.DIALS} | {"color": tuple(self.color)}
 
     def take(self, values: core.Row) -> None:
         """Sets what an artist sets; asks for no picture."""
         rows.take(self, values)
+
+
+class RelumeOwnValues(_Dials, bpy.types.PropertyGroup):
+    """Values that a row has in one shot alone; kept in the .blend file."""
+
+    shot: StringProperty(name="Shot", description="Key of the shot", options={"HIDDEN"})
+
+
+class RelumeRow(_Dials, bpy.types.PropertyGroup):
+    """One line of the mix; kept in the .blend file."""
+
+    kind: EnumProperty(
+        name="Kind",
+        description="What the row stands for",
+        items=[
+            (LIGHT, "Light", "A light object"),
+            (GROUP, "Group", "A collection with lights in it"),
+            (WORLD, "World", "Light of the world"),
+            (STATIC, "Emissive Materials", "Light of emissive materials"),
+        ],
+        options={"HIDDEN"},
+    )
+    uid: IntProperty(name="Session UID", description="Finds the light again under another name", options={"HIDDEN"})
+    groups: StringProperty(name="Groups", description="Collections with this light, by line", options={"HIDDEN"})
+    present: BoolProperty(name="Present", description="Whether the scene has this light now", options={"HIDDEN"})
+    hidden: BoolProperty(name="Hidden", description="Whether renders or views lack this light", options={"HIDDEN"})
+    named: BoolProperty(
+        name="Named", description="Whether geometry nodes or particles may show this light itself", options={"HIDDEN"}
+    )
+    depth: IntProperty(name="Depth", description="Collections around this row that have a line", options={"HIDDEN"})
+    single: BoolProperty(name="Single", description="Whether a collection has one light alone", options={"HIDDEN"})
+    order: IntProperty(name="Order", description="Place in the list", options={"HIDDEN"})
+    icon: StringProperty(name="Icon", description="Icon of the row", options={"HIDDEN"})
+    open: BoolProperty(name="Open", description="Show the rows of this collection", default=True)
+    solo: BoolProperty(
+        name="Solo",
+        description="Only soloed rows are seen; several can be. A soloed group is all of its lights",
+        update=_edited,
+    )
+    locks: PointerProperty(type=RelumeLocks, name="Locks", description="What solving may change of this light")
+
+    own: CollectionProperty(
+        type=RelumeOwnValues, name="Own Values", description="Values in single shots", options={"HIDDEN"}
+    )
+
+    def values(self, shot: str = AUTOMATIC) -> core.Row:
+        """The row as plain data, in the shot of a key; by default as in all shots that have no values of their own."""
+        return core.Row(name=self.name, kind=self.kind, solo=self.solo, **self.shown(shot).dials())
+
+    def shown(self, shot: str) -> _Dials:
+        """The values in the shot of a key, to be drawn and set."""
+        return rows.own_values(self, shot) or self
 
 
 class RelumeMix(bpy.types.PropertyGroup):
@@ -144,7 +157,7 @@ class RelumeMix(bpy.types.PropertyGroup):
     session: StringProperty(name="Session", description="Run of Blender that wrote the uids", options={"HIDDEN"})
 
 
-CLASSES = (RelumeRow, RelumeMix)
+CLASSES = (RelumeOwnValues, RelumeRow, RelumeMix)
 
 
 _register, _unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -61,7 +61,8 @@ def start(scene: bpy.types.Scene) -> verify.Verification:
     """Renders the present lights and rows with Cycles, and compares. Raises VerifyError, NoCopyError or OSError."""
     shot, frame = shots.of(scene), _present_frame(scene)
     lights = [name_of(obj) for obj in light_objects(scene)]
-    running = verify.start(scene, frame, shot.camera, scene.relume_verify.samples, rows.mix(scene, lights))
+    mix = rows.mix(scene, lights, shot.key)
+    running = verify.start(scene, frame, shot.camera, scene.relume_verify.samples, mix)
     compare.clear(scene)
     _poll()
     return running

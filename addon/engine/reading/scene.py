@@ -21,8 +21,14 @@ from .render_depsgraph import RenderTask, Work, start_with_render_depsgraph, wit
 
 def load_scene(scene: bpy.types.Scene, options: ExportOptions | None = None) -> Any:
     """A `relume.Scene` of the present frame, as a final render would see it."""
+    return load_scene_for(scene, options)[0]
+
+
+def load_scene_for(scene: bpy.types.Scene, options: ExportOptions | None) -> tuple[Any, dict[str, str]]:
+    """`load_scene`, with descriptions of those of the other cameras of its options that see the very same scene."""
     native()
-    return with_render_depsgraph(scene, _export(scene, options))
+    others: dict[str, str] = {}
+    return with_render_depsgraph(scene, _export(scene, options, others)), others
 
 
 def load_scene_async(
@@ -51,9 +57,11 @@ def scene_of_depsgraph(
     options: ExportOptions | None,
     stop: Stop,
     notes: Sequence[str] = (),
+    others: dict[str, str] | None = None,
 ) -> Any:
     """A `relume.Scene` of what a render engine was given, with notes among its warnings. The engine shows other frames
-    meanwhile, where things move. Raises `ExportCancelled` soon after `stop` says so."""
+    meanwhile, where things move. `others` gets what `export_scene` returns. Raises `ExportCancelled` soon after `stop`
+    says so."""
 
     def frame_set(frame: int, part: float) -> None:
         engine.frame_set(frame, subframe=part)
@@ -65,7 +73,7 @@ def scene_of_depsgraph(
         builder.warn(note)
     if working_space() != LINEAR_REC709:
         builder.warn(f"working space {working_space()}: black bodies keep {LINEAR_REC709} primaries")
-    export_scene(
+    found = export_scene(
         _Stoppable(builder, stop),
         depsgraph,
         options or ExportOptions(),
@@ -73,15 +81,17 @@ def scene_of_depsgraph(
         lambda image: image_colors.converted(image, stop),
         frame_set,
     )
+    if others is not None:
+        others |= found
     return builder.build()
 
 
-def _export(scene: bpy.types.Scene, options: ExportOptions | None) -> Work[Any]:
+def _export(scene: bpy.types.Scene, options: ExportOptions | None, others: dict[str, str] | None = None) -> Work[Any]:
     """Work that reads a scene and names what is left out. That is found before: the copy that is read has another name
     and other settings."""
     layer = render_layer(scene)
     notes = left_to_blender(scene, layer)
-    return lambda engine, depsgraph, stop: scene_of_depsgraph(engine, depsgraph, options, stop, notes)
+    return lambda engine, depsgraph, stop: scene_of_depsgraph(engine, depsgraph, options, stop, notes, others)
 
 
 class _Stoppable:

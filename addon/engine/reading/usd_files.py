@@ -37,6 +37,8 @@ def write_file(scene: bpy.types.Scene, look: Look, path: Path, for_blender: bool
     warnings: list[str] = []
     names = [light["name"] for light in look.lights]
     tints = {name: _tint(scene, lines[name].block, warnings) for name in names if name in lines}
+    if look.shots:
+        warnings.append(f"values of single shots are not written: {', '.join(look.shots)}")
     written = write(look, {name: line.groups for name, line in lines.items()}, tints, for_blender)
     whole_file.write(path, written.text)
     return warnings + written.warnings

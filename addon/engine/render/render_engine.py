@@ -19,12 +19,16 @@ from ...core.diff import gain_between
 from ...core.pass_names import ALBEDO, CATCHER, COMBINED, DEPTH, LOBES, LONGEST, NORMAL, STATIC, WORLD, light_passes
 from ...core.progress import progress_line
 from ...core.rows import NEUTRAL
+from ...core.shots import AUTOMATIC
 from ...core.words import grouped, listed
 from ...export import ExportOptions, trace_settings
 from ...export.camera import film_border, film_size, why_no_picture
+from ...export.current_shot import current_entry
 from ...export.stop import ExportCancelled
+from ...export.view_layer import entry_of_layer
 from ..native import native
 from ..reading.scene import scene_of_depsgraph
+from ..shot import open_shots
 from ..shot import shot as shots
 from ..shot.checks import folders_in_use
 from ..shot.options import Options, options_of, remembered_bake
@@ -90,8 +94,8 @@ def stop_all(stop: bool = True) -> None:
     _stopping = stop
 
 
-MixOf = Callable[[bpy.types.Scene, list[str]], dict[str, Any]]
-"""Gains of the named lights, of world and static light, as `core.rows.mix` gives them."""
+MixOf = Callable[[bpy.types.Scene, list[str], str], dict[str, Any]]
+"""Gains of the named lights, of world and static light, as `core.rows.mix` gives them, in the shot of a key."""
 PassesOf = Callable[[bpy.types.Scene, bpy.types.ViewLayer], PassSettings]
 
 
@@ -120,7 +124,9 @@ class _FinalRender:
     ):
         self.engine, self.depsgraph, self.mix_of = engine, depsgraph, mix_of
         self.scene = depsgraph.scene
-        self.options: Options = options_of(self.scene)
+        self.entry = entry_of_layer(self.scene, depsgraph.view_layer.name)
+        """The listed shot of the layer."""
+        self.options: Options = options_of(self.scene, self.entry)
         self.passes = passes_of(self.scene, depsgraph.view_layer)
         self.mix: dict[str, Any] = {}
         self.said: set[str] = set()
@@ -148,6 +154,11 @@ class _FinalRender:
     def _baked(self, exported: Any, lights: list[dict[str, Any]]) -> Iterator[Any]:
         """A relighter of the scene: of its own bake where that fits or is free, else of one for this picture only."""
         folder = self._folder()
+        if folder is None:
+            with private_folder() as private:
+                self._bake(exported, Path(private))
+                yield self._open(Path(private), exported)
+            return
         info = native().info(folder) if is_bake(folder) else {}
         is_same = bool(info) and self._is_of(info, exported, folder)
         relighter = self._open(folder, exported) if is_same and self._is_whole(info) else None
@@ -174,11 +185,16 @@ class _FinalRender:
             self.engine.report({"WARNING"}, f"Relume: {words}")
         return relighter
 
-    def _folder(self) -> Path:
-        """The bake that the panel shows or would show."""
-        shot, remembered = shots.of(self.scene), remembered_bake(self.scene)
+    def _folder(self) -> Path | None:
+        """The bake that the panel shows or would show of the layer's shot; None where the list has shots of other
+        layers alone."""
+        if self.entry is None and current_entry(self.scene) is not None:
+            return None
+        key = self.options.shot
+        shot = shots.of(self.scene) if self.entry is None else open_shots.by_key(self.scene, key)
         if shot is not None:
             return shot.folder
+        remembered = remembered_bake(self.scene, key)
         return remembered if remembered and is_bake(remembered) else self.options.folder
 
     def _is_whole(self, info: dict[str, Any]) -> bool:
@@ -200,8 +216,8 @@ class _FinalRender:
 
     def _is_being_baked(self, folder: Path) -> bool:
         """True if a bake writes into the folder, from this Blender or another process."""
-        shot = shots.of(self.scene)
-        return (shot is not None and shot.is_working) or folder in folders_in_use(self.scene)
+        is_shown = any(shot.folder == folder and shot.is_working for shot in open_shots.all_of(self.scene))
+        return is_shown or folder in folders_in_use(self.scene)
 
     def _bake(self, exported: Any, folder: Path) -> None:
         job = native().bake(exported, folder, self._settings(self._warn), resume=True)
@@ -219,7 +235,8 @@ class _FinalRender:
 
     def _mixed(self, lights: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """The lights with the gains of the rows."""
-        self.mix = self.mix_of(self.scene, [light["name"] for light in lights])
+        key = AUTOMATIC if self.entry is None else self.entry.key
+        self.mix = self.mix_of(self.scene, [light["name"] for light in lights], key)
         gains = self.mix["gains"]
         return [
             light | {"radiance": [a * b for a, b in zip(light["radiance"], gains[light["name"]], strict=True)]}

@@ -12,6 +12,7 @@ from ...core import shots
 from ...core.bake_folder import camera_of, default_folder, file_name, is_bake
 from ...core.shots import ListedShot, Marker
 from ...export.current_shot import current_entry, entries, shot_camera
+from ...export.view_layer import first_rendered
 from .options import (
     SESSION,
     FolderError,
@@ -157,6 +158,24 @@ def add_from_markers(scene: bpy.types.Scene) -> list[Any]:
     known = {(camera.name, frame) for camera, frame in fixed if camera is not None}
     found = shots.shots_of_markers([marker for marker in markers if marker.camera in cameras], known)
     return [add(scene, marker.name or marker.camera, cameras[marker.camera], marker.frame) for marker in found]
+
+
+def add_view_layers(scene: bpy.types.Scene) -> list[Any]:
+    """Adds a shot of the scene's camera for each view layer that is rendered and that none has."""
+    layers = [layer.name for layer in scene.view_layers if layer.use]
+    camera, first = scene.camera, first_rendered(scene).name
+    own = [entry for entry in entries(scene) if not entry.is_foreign and shot_camera(entry) == camera]
+    known = {entry.layer or first for entry in own}
+    # First the one that is rendered without a list: the bake that is there is of it.
+    layers.sort(key=lambda layer: layer != first)
+    added = []
+    for layer in layers if camera is not None else ():
+        if layer not in known:
+            entry = add(scene, layer, camera)
+            entry.layer = layer
+            added.append(entry.key)
+    # Adding moves entries in memory.
+    return [entry for entry in entries(scene) if entry.key in added]
 
 
 def add_bake(scene: bpy.types.Scene, folder: Path) -> Any:

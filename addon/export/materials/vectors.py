@@ -119,7 +119,7 @@ def _vector_transform(t: Translation, source: Source) -> Any:
 def _rows(t: Translation, source: Source, space: str, is_inverse: bool) -> Rows:
     """Rows of the matrix from a space to the world, or of its inverse."""
     if space == "CAMERA":
-        matrix = t.surroundings.world_from_camera
+        matrix = t.surroundings.world_from_camera()
         matrix = matrix.inverted_safe() if is_inverse else matrix
         return [(list(row[:3]), row[3]) for row in matrix[:3]]
     names = [f"{MATRIX_INVERSE if is_inverse else MATRIX}{axis}" for axis in "xyz"]

@@ -13,7 +13,8 @@ from ...engine.shot.background import BackgroundError
 from ...engine.shot.checks import ProblemError
 from ...engine.workers.process import NoCopyError
 from ...export.current_shot import active_entry
-from ...live import follow
+from ...live import follow, rows
+from ...live.scheduler import scheduler
 from . import baking
 
 PROBLEMS = (ProblemError, BackgroundError, NoCopyError, ValueError, OSError)
@@ -30,6 +31,8 @@ def remove(scene: bpy.types.Scene) -> None:
     state = scene.relume_shots
     number = state.active
     state.items.remove(number)
+    rows.drop_gone_shots(scene)
+    scheduler.request_picture(scene)
     state.active = max(0, min(number, len(state.items) - 1))
 
 
@@ -86,6 +89,23 @@ class RELUME_OT_add_from_markers(bpy.types.Operator):  # noqa: N801
         scene = context.scene
         none = "No marker has a camera that is not listed yet; bind one with Ctrl+B in the timeline"
         return _added(self, scene, shot_list.add_from_markers(scene), none)
+
+
+class RELUME_OT_add_view_layers(bpy.types.Operator):  # noqa: N801
+    """Add a shot of the scene's camera for each view layer that is rendered and has none yet"""
+
+    bl_idname = "relume.add_view_layers"
+    bl_label = "Add View Layers"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        """Called by Blender."""
+        scene = context.scene
+        if scene.camera is None:
+            self.report({"ERROR"}, "The scene has no camera; choose one")
+            return {"CANCELLED"}
+        none = "Every view layer that is rendered has a shot of this camera already"
+        return _added(self, scene, shot_list.add_view_layers(scene), none)
 
 
 class RELUME_OT_add_bake(bpy.types.Operator):  # noqa: N801
@@ -190,6 +210,7 @@ class RELUME_OT_stop_baking(bpy.types.Operator):  # noqa: N801
 CLASSES = (
     RELUME_OT_add_cameras,
     RELUME_OT_add_from_markers,
+    RELUME_OT_add_view_layers,
     RELUME_OT_add_bake,
     RELUME_OT_remove_shot,
     RELUME_OT_move_shot,

@@ -173,7 +173,9 @@ def _draw_adding(layout) -> None:
     row = column.row(align=True)
     row.operator("relume.add_cameras", icon="CAMERA_DATA")
     row.operator("relume.add_from_markers", text="From Markers", icon="MARKER_HLT")
-    column.operator("relume.add_bake", text="Add Bake...", icon="FILE_FOLDER")
+    row = column.row(align=True)
+    row.operator("relume.add_view_layers", text="View Layers", icon="RENDERLAYERS")
+    row.operator("relume.add_bake", text="Add Bake...", icon="FILE_FOLDER")
 
 
 def _draw_entry(layout, scene, entry) -> None:

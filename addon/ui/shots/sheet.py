@@ -9,10 +9,12 @@ from typing import Any
 import bpy
 
 from ...core.progress import share_and_words
+from ...core.shots import AUTOMATIC
 from ...engine.native import native
 from ...engine.shot import requests, shot, shot_list
 from ...engine.shot.checks import ProblemError
 from ...engine.workers.process import private_folder
+from ...live import rows
 from ...live.scheduler import scheduler
 from ...viewport.views import redraw
 
@@ -39,7 +41,7 @@ class Sheet:
         self._folder = private_folder()
         self.file = Path(self._folder.name) / "sheet.png"
         request = Path(self._folder.name) / "request.json"
-        request.write_text(requests.request_text(scheduler.content_of(scene, opened)), encoding="utf-8")
+        request.write_text(requests.request_text(content_of(scene, opened)), encoding="utf-8")
         options = opened.options
         self.job = native().start(
             "relight",
@@ -65,6 +67,16 @@ class Sheet:
         """Ends it and removes its files."""
         self.job.cancel()
         self._folder.cleanup()
+
+
+def content_of(scene: bpy.types.Scene, opened: shot.Shot) -> dict[str, Any]:
+    """Content of a request for the pictures of all shots, by the lights of one that is open; "shots" has, by their
+    names, what rows with values of their own make different in some."""
+    content = scheduler.content_of(scene, opened, AUTOMATIC)
+    differing = rows.shots_with_own_values(scene, rows.present_rows(scene))
+    own = {entry.name: scheduler.content_of(scene, opened, entry.key) for entry in differing}
+    gains = {name: {part: found[part] for part in ("gains", "world", "static")} for name, found in own.items()}
+    return content | ({"shots": gains} if gains else {})
 
 
 def start(scene: bpy.types.Scene) -> Sheet:

@@ -14,6 +14,7 @@ from ...core.looks import LookError
 from ...core.solve import SolveError
 from ...engine.solve import solving
 from ...engine.solve.solving import Hooks, Solving
+from ...live import rows
 from ...live.scheduler import scheduler
 from ...viewport import strokes as drawing
 from ...viewport.handlers import write
@@ -33,6 +34,9 @@ _handle: Any = None
 def begin(scene: bpy.types.Scene) -> Solving:
     """Begins to solve; to be stepped until it ends. Raises SolveError with one line for the artist."""
     shot = solving.ready_shot(scene)
+    if own := rows.shots_with_own_values(scene, rows.present_rows(scene)):
+        names = ", ".join(f"'{entry.name}'" for entry in own)
+        raise SolveError(f"Rows have values of their own in {names}, and solving is about all shots: take them away")
     content = scheduler.content_of(scene, shot)
     before = looks.current(scene, results.BEFORE)
     hooks = Hooks(scheduler.request_picture, scheduler.wake, partial(results.keep, before))

@@ -1,4 +1,5 @@
-"""Three shots are listed, baked in another Blender, followed by clicks on the list, and put on a contact sheet."""
+"""Three shots are listed, baked in another Blender, followed by clicks on the list, given other light in one of
+them, and put on a contact sheet."""
 
 import bpy
 from artist import add_camera, addon
@@ -57,6 +58,28 @@ def play(driver):
         changes = [abs(pictures[0] - other).mean() for other in pictures[1:]]
         driver.check(min(changes) > 0.5, f"each shot has a picture of its own: {changes}")
 
+    with driver.step("own values"):
+        bpy.utils.unregister_class(opened)
+        rows = addon("live.rows")
+        light = max((obj for obj in scene.objects if obj.type == "LIGHT"), key=lambda obj: obj.data.energy)
+        scene.relume_mix.active = scene.relume_mix.rows.find(light.name)
+        yield from driver.press_button("relume.only_this_shot")
+        own = rows.own_values(rows.active_row(scene), rows.current_key(scene))
+        driver.check(own is not None, "the row has values of its own")
+        own.exposure = 2.0
+        found = shots.of(scene)
+        yield from driver.until(lambda: found.present_frame is not None and not found.is_busy, "brighter", 120)
+        yield from driver.drawn()
+        brighter = driver.photo("own-values").astype(float)
+        driver.check(abs(brighter - pictures[2]).mean() > 0.5, "its picture is brighter")
+        scene.relume_shots.active = 0
+        found = shots.of(scene)
+        yield from driver.until(lambda: found.present_frame is not None and not found.is_busy, "the first shot", 120)
+        yield from driver.drawn()
+        driver.photo("other-shot")
+        gains = [rows.mix(scene, [light.name], entry.key)["gains"][light.name][0] for entry in scene.relume_shots.items]
+        driver.check(gains == [1.0, 1.0, 4.0], f"the others have the common values: {gains}")
+
     with driver.step("sheet"):
         editor = max(driver.window.screen.areas, key=lambda area: (area.type != "VIEW_3D", area.width * area.height))
         editor.ui_type = "IMAGE_EDITOR"
@@ -68,4 +91,3 @@ def play(driver):
         bpy.ops.relume.save_sheet(filepath=str(driver.pictures / "shots-the-sheet.png"))
         yield from driver.drawn()
         driver.photo("sheet")
-    bpy.utils.unregister_class(opened)

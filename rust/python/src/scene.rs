@@ -87,6 +87,13 @@ impl PyScene {
         enter_native(py, || Ok::<_, NativeError>(self.scene.hash()))
     }
 
+    fn seen_by(&self, py: Python<'_>, camera: &str) -> PyResult<Self> {
+        enter_native(py, || {
+            let camera = serde_json::from_str::<scene::BlenderCamera>(camera)?.to_camera()?;
+            Ok::<_, NativeError>(Self { scene: Arc::new(scene::Scene { camera, ..(*self.scene).clone() }) })
+        })
+    }
+
     #[pyo3(signature = (folder, settings="{}"))]
     fn difference(&self, py: Python<'_>, folder: PathBuf, settings: &str) -> PyResult<Option<&'static str>> {
         let settings: TraceSettings = serde_json::from_str(settings).map_err(NativeError::from)?;

@@ -52,7 +52,7 @@ fn write_pictures(method: Method, args: &PictureArgs, context: &CommandContext) 
         _ => anyhow::bail!("name a bake folder and --out, or a list of --shots"),
     };
     check_picture(out)?;
-    let picture = Picture::relit(bake, method, args, &context.compute()?, context)?;
+    let picture = Picture::relit(bake, None, method, args, &context.compute()?, context)?;
     let written = picture.write(out, args, context)?;
     let by_proxy = written.lights.iter().filter(|light| light.source == UnitSource::Proxy).count();
     let (exr, png) = (written.exr.display(), written.png.display());
@@ -73,9 +73,10 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Relights one bake.
+    /// Relights one bake, as that of a shot of a list if it has such a name.
     pub fn relit(
         bake: &Path,
+        shot: Option<&str>,
         method: Method,
         args: &PictureArgs,
         compute: &Compute,
@@ -92,7 +93,7 @@ impl Picture {
             Some(path) => ViewTransform::read_lut(path)?,
             None => relighter.view(context.monitor),
         };
-        let wanted = wanted(args, &relighter, context)?;
+        let wanted = wanted(args, shot, &relighter, context)?;
         let options = RelightOptions { method, denoise: !args.no_denoise, lobes: args.lobes };
         let mut relit = relighter.relight(&wanted.lights, &options, context.monitor)?;
         scale(&mut relit.static_light, wanted.static_light);
@@ -160,13 +161,18 @@ fn change_world(
 /// The lights of a file or the scene's own, and factors on other light.
 fn wanted(
     args: &PictureArgs,
+    shot: Option<&str>,
     relighter: &Relighter,
     context: &CommandContext,
 ) -> anyhow::Result<LiveRequest> {
     let read = |path: &PathBuf| -> anyhow::Result<LiveRequest> {
         let text =
             std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        LiveRequest::parse(&text).map_err(|reason| anyhow::anyhow!("request {}: {reason}", path.display()))
+        let request = match shot {
+            Some(shot) => LiveRequest::parse_for(&text, shot),
+            None => LiveRequest::parse(&text),
+        };
+        request.map_err(|reason| anyhow::anyhow!("request {}: {reason}", path.display()))
     };
     let set = || match &args.lights {
         Some(path) => LightSet::read(path),

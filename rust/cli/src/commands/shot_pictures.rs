@@ -96,7 +96,7 @@ fn relight_shot(
     compute: &Compute,
     context: &CommandContext,
 ) -> anyhow::Result<(Option<Written>, Cell)> {
-    let picture = Picture::relit(&shot.bake, method, args, compute, context)?;
+    let picture = Picture::relit(&shot.bake, Some(&shot.name), method, args, compute, context)?;
     let files = out.map(|out| picture.write(out, args, context)).transpose()?;
     // A 4K picture is 100 MB as floats, of which a sheet needs none unless it is asked for.
     let shown = args.sheet.as_ref().map(|_| picture.view.apply_image(&picture.relit.combined()));

@@ -261,6 +261,9 @@ class Scene:
     def hash(self) -> str:
         """Hash of all that decides the paths, as a bake's `manifest.json` carries it; lights and world do not count."""
 
+    def seen_by(self, camera: str) -> Scene:
+        """The same scene through another camera, in the form of `SceneBuilder.set_camera`."""
+
     def difference(self, folder: str | os.PathLike[str], settings: str = "{}") -> str | None:
         """Difference of the bake in a folder from this scene and these settings; samples do not count, nor
         another world where all samples of the settings are there: it is gathered."""

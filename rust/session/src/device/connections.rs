@@ -39,6 +39,8 @@ pub(crate) struct Connections {
     prepared: AtomicUsize,
     /// Number of levels whose vertices memory allows to keep, known from the first one on.
     most_kept: OnceLock<usize>,
+    /// Bytes for these.
+    memory: usize,
     balance: Balance,
     images: Mutex<LightCache<Arc<ConnectedImage>>>,
 }
@@ -65,7 +67,8 @@ pub(crate) type NumberedImages = Vec<(usize, Arc<ConnectedImage>)>;
 
 /// Group of the sampler whose numbers choose points on lights.
 const LIGHT_GROUP: u32 = 1 << 25;
-/// Memory of all vertices that are kept, bytes.
+/// Memory of all vertices that are kept, of all shots that are shown together, bytes. The first level of each is kept
+/// whatever it takes.
 const VERTEX_MEMORY: usize = 1 << 30;
 /// Paths per pixel whose vertices lights are connected to.
 const PATHS: u32 = 32;
@@ -77,8 +80,8 @@ const LEAST_SHARE: f32 = 0.1;
 const IMAGE_MEMORY: usize = 1 << 28;
 
 impl Connections {
-    /// Makes the scene of a bake ready, whose trees may be there already; none if its lights have to be summed over crossings
-    /// alone.
+    /// Makes the scene of a bake ready, whose trees may be there already, in the memory of one of so many shots; none if its
+    /// lights have to be summed over crossings alone.
     ///
     /// # Errors
     /// If the scene is not that of the bake, or has too many triangles.
@@ -86,6 +89,7 @@ impl Connections {
         scene: Arc<Scene>,
         manifest: &Manifest,
         bvh: Option<SceneBvh>,
+        shots: usize,
     ) -> Result<Option<Self>, SessionError> {
         let fail = |reason: &str| {
             let text = format!(
@@ -117,12 +121,19 @@ impl Connections {
             levels,
             prepared: AtomicUsize::new(0),
             most_kept: OnceLock::new(),
+            memory: VERTEX_MEMORY / shots.max(1),
             balance,
             images: Mutex::default(),
         }))
     }
 
-    /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it.
+    /// True once all levels are prepared that keep their vertices.
+    pub fn is_prepared(&self) -> bool {
+        self.prepared.load(Ordering::Acquire) == self.most_kept()
+    }
+
+    /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it. The next call
+    /// goes on at the tiles that it left out.
     pub fn prepare_next(&self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
         let number = self.prepared.load(Ordering::Acquire);
         if number == self.most_kept() {
@@ -156,13 +167,7 @@ impl Connections {
         *self.most_kept.get_or_init(|| {
             let first = &self.levels[0];
             let bytes: usize = first.kept.iter().filter_map(OnceLock::get).map(TileVertices::bytes).sum();
-            let paths = VERTEX_MEMORY / bytes.max(1) * first.pass.samples as usize;
-            let mut sum = 0;
-            let fits = |level: &&Level| {
-                sum += level.pass.samples as usize;
-                sum <= paths
-            };
-            self.levels.iter().take_while(fits).count().max(1)
+            levels_within(self.memory, bytes, self.levels.iter().map(|level| level.pass.samples))
         })
     }
 
@@ -345,6 +350,19 @@ impl PixelSums<'_> {
     }
 }
 
+/// Number of levels, of so many paths each, whose vertices memory allows to keep if those of the first one take so many
+/// bytes; one at least.
+fn levels_within(memory: usize, bytes_of_first: usize, paths: impl Iterator<Item = u32> + Clone) -> usize {
+    let first = paths.clone().next().unwrap_or(1) as usize;
+    let most = memory / bytes_of_first.max(1) * first;
+    let mut sum = 0;
+    let fits = |paths: &u32| {
+        sum += *paths as usize;
+        sum <= most
+    };
+    paths.take_while(fits).count().max(1)
+}
+
 /// Gives all pixels of each block the value of its first.
 fn fill_blocks(values: &mut [[f32; 3]], rect: TileRect, block: usize) {
     for y in 0..rect.height {
@@ -441,6 +459,44 @@ mod tests {
         }
     }
 
+    #[test]
+    fn vertices_of_twelve_large_shots_stay_within_the_memory_of_one_but_for_their_first_level() {
+        let paths = [1, 1, 2, 4, 8, 16];
+        // Three vertices of 64 bytes for each pixel and path.
+        let first = |width: usize, height: usize| 192 * width * height;
+        let kept = |bytes, shots| levels_within(VERTEX_MEMORY / shots, bytes, paths.into_iter());
+        assert_eq!(kept(first(640, 360), 1), 5, "16 paths are 0.7 GB");
+        assert_eq!(kept(first(3840, 2160), 1), 1, "even one is more");
+        for (width, height) in [(640, 360), (960, 540), (1920, 1080), (3840, 2160)] {
+            let bytes = first(width, height);
+            for shots in 1..=12 {
+                let of_one = paths[..kept(bytes, shots)].iter().sum::<u32>() as usize * bytes;
+                assert!(of_one <= bytes.max(VERTEX_MEMORY / shots), "{shots} shots, {width} x {height}");
+            }
+        }
+    }
+
+    #[test]
+    fn preparing_goes_on_where_it_was_stopped() {
+        let scene = Arc::new(closed_box_of((24, 24), vec![grey()]).unwrap());
+        let settings = TraceSettings { samples: 2, tile_size: 8, ..TraceSettings::default() };
+        let manifest = Tracer::new(&scene, &settings).unwrap().manifest();
+        let connections = Connections::new(scene, &manifest, None, 1).unwrap().unwrap();
+        let traced = || connections.levels[0].kept.iter().filter(|tile| tile.get().is_some()).count();
+        let asked = AtomicUsize::new(0);
+        assert!(!connections.prepare_next(&|| asked.fetch_add(1, Ordering::Relaxed) >= 4));
+        assert_eq!((traced(), connections.ready()), (4, 0));
+        let asked = AtomicUsize::new(0);
+        assert!(connections.prepare_next(&|| {
+            asked.fetch_add(1, Ordering::Relaxed);
+            false
+        }));
+        assert_eq!((traced(), connections.ready()), (9, 1));
+        assert!(!connections.is_prepared());
+        while connections.prepare_next(&|| false) {}
+        assert!(connections.is_prepared());
+    }
+
     fn compare_with_crossings(scene: Scene) {
         let scene = Arc::new(scene);
         let settings = TraceSettings { samples: 1024, ..TraceSettings::default() };
@@ -450,7 +506,8 @@ mod tests {
         let gather = Gather::new(writer.snapshot());
         // As many paths as are connected.
         let few = Gather::new(gather.dump().passes(0..6));
-        let connections = Connections::new(scene.clone(), gather.dump().manifest(), None).unwrap().unwrap();
+        let connections =
+            Connections::new(scene.clone(), gather.dump().manifest(), None, 1).unwrap().unwrap();
         while connections.prepare_next(&|| false) {}
         let mut lights = bulbs(3);
         let panel = |edge: f32| LightShape::Quad {

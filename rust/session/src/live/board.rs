@@ -106,6 +106,23 @@ impl BoardState {
     }
 }
 
+impl BoardState {
+    /// True while a shot should leave the machine to a picture that somebody waits for: another shot prepares what
+    /// only its better pictures need.
+    fn holds(&self, seat: u64, now: Instant) -> bool {
+        if self.active.is_none_or(|active| active == seat) {
+            return false;
+        }
+        self.drag.is_some_and(|drag| !drag.is_over(now)) || self.is_urgent()
+    }
+
+    /// True while some shot needs the machine for a picture that somebody waits for.
+    fn is_urgent(&self) -> bool {
+        let mut stages = self.waiting.iter().map(|waiting| waiting.stage).chain(self.taken);
+        stages.any(|stage| stage != Stage::Refine)
+    }
+}
+
 impl Drag {
     fn is_over(&self, now: Instant) -> bool {
         now.duration_since(self.last) > DRAG_PAUSE
@@ -126,9 +143,7 @@ impl Board {
 
     /// True while some shot needs the machine for a picture that somebody waits for.
     pub(super) fn is_urgent(&self) -> bool {
-        let state = self.lock();
-        let mut stages = state.waiting.iter().map(|waiting| waiting.stage).chain(state.taken);
-        stages.any(|stage| stage != Stage::Refine)
+        self.lock().is_urgent()
     }
 
     fn lock(&self) -> MutexGuard<'_, BoardState> {
@@ -151,6 +166,24 @@ impl Seat {
     /// Shots that share the memory.
     pub fn members(&self) -> usize {
         self.board.lock().members
+    }
+
+    /// True while this shot should not prepare anything: see [`Self::wait_to_prepare`].
+    pub fn is_held(&self) -> bool {
+        self.board.lock().holds(self.number, Instant::now())
+    }
+
+    /// Waits until this shot may prepare what its better pictures need: while another one is looked at, not beside a
+    /// drag or a picture that somebody waits for. Ends early if `stop` became true.
+    pub fn wait_to_prepare(&self, stop: &dyn Fn() -> bool) {
+        while !stop() {
+            let state = self.board.lock();
+            if !state.holds(self.number, Instant::now()) {
+                return;
+            }
+            let waited = self.board.0.changed.wait_timeout(state, LOOK_AGAIN);
+            drop(waited.unwrap_or_else(PoisonError::into_inner));
+        }
     }
 
     /// Waits for a turn; none if `stop` became true before.
@@ -239,6 +272,42 @@ mod tests {
         assert_eq!(state.next(began + at(700) + DRAG_PAUSE + at(1)), Some(0), "a pause does");
         state.note(true, Stage::Drag, began + at(1200), began + at(1210));
         assert_eq!(state.drag.unwrap().others, Duration::ZERO, "the next one counts anew");
+    }
+
+    #[test]
+    fn nobody_prepares_beside_a_drag_or_a_first_picture_but_the_active_shot() {
+        let (began, mut state) = (Instant::now(), state(1, &[]));
+        assert!(!state.holds(0, began), "at rest");
+        state.note(true, Stage::Drag, began, began + at(100));
+        assert!(state.holds(0, began + at(100)) && !state.holds(1, began + at(100)));
+        assert!(state.holds(0, began + at(100) + DRAG_PAUSE), "the mouse stands still");
+        let later = began + at(101) + DRAG_PAUSE;
+        assert!(!state.holds(0, later), "the drag is over");
+        state.taken = Some(Stage::Refine);
+        assert!(!state.holds(0, later), "better pictures do not matter more");
+        state.waiting.push(Waiting { seat: 2, stage: Stage::First });
+        assert!(state.holds(0, later) && state.holds(2, later) && !state.holds(1, later));
+        state.active = None;
+        assert!(!state.holds(0, later), "nobody looks at another one");
+    }
+
+    #[test]
+    fn who_waits_to_prepare_goes_on_at_rest_and_ends_when_closed() {
+        let board = Board::default();
+        let [active, other] = [board.seat(), board.seat()];
+        active.attend();
+        let turn = active.turn(Stage::First, || false).unwrap();
+        assert!(other.is_held() && !active.is_held());
+        other.wait_to_prepare(&|| true);
+        let waits = std::thread::spawn({
+            let other = other.clone();
+            move || other.wait_to_prepare(&|| false)
+        });
+        std::thread::sleep(at(30));
+        assert!(!waits.is_finished());
+        drop(turn);
+        waits.join().unwrap();
+        assert!(!other.is_held());
     }
 
     #[test]

@@ -207,6 +207,7 @@ impl Live {
             folder: self.folder.clone(),
             options: self.options.clone(),
             shared: self.shared.clone(),
+            seat: self.seat.clone(),
             cancel: cancel.clone(),
         };
         threads.work = Some((spawn("relume-work", Box::new(move || job.run()))?, cancel));

@@ -1,3 +1,4 @@
+use super::board::Seat;
 use super::shared::{Gate, LiveState, ProxyStatus, Shared, TrainingPlan};
 use super::{LiveOptions, OtherWorld};
 use crate::bake::features::camera;
@@ -59,6 +60,7 @@ pub(super) struct WorkRun {
     pub folder: PathBuf,
     pub options: LiveOptions,
     pub shared: Arc<Shared>,
+    pub seat: Arc<Seat>,
     pub cancel: Cancel,
 }
 
@@ -166,11 +168,12 @@ impl WorkRun {
             return;
         }
         let (preparing, scene) = (Preparing::new(&self.shared), Arc::clone(scene));
+        let seat = self.seat.clone();
         let connect = move || {
             let Preparing(shared) = &preparing;
-            match Connections::new(scene, &manifest, Some(bvh)) {
+            match Connections::new(scene, &manifest, Some(bvh), seat.members()) {
                 Ok(Some(connections)) => {
-                    deliver_levels(shared, Arc::new(connections), &|| shared.lock().closed);
+                    deliver_levels(shared, &seat, &Arc::new(connections), &|| shared.lock().closed);
                 }
                 Ok(None) => {}
                 Err(error) => shared.warn(&error.to_string()),
@@ -192,11 +195,12 @@ impl WorkRun {
             return;
         }
         let _preparing = Preparing::new(&self.shared);
+        let stop = || self.cancel.requested() || self.shared.lock().closed;
+        self.seat.wait_to_prepare(&stop);
         let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
-        match scene.and_then(|scene| Connections::new(scene, manifest, None)) {
+        match scene.and_then(|scene| Connections::new(scene, manifest, None, self.seat.members())) {
             Ok(Some(connections)) => {
-                let stop = || self.cancel.requested() || self.shared.lock().closed;
-                deliver_levels(&self.shared, Arc::new(connections), &stop);
+                deliver_levels(&self.shared, &self.seat, &Arc::new(connections), &stop);
             }
             Ok(None) => {}
             Err(error) => self.shared.warn(&damage_message(&path, &reason_of(error))),
@@ -425,12 +429,21 @@ impl Drop for Preparing {
     }
 }
 
-/// Traces the vertices of connections level by level, each of which makes better pictures.
-fn deliver_levels(shared: &Shared, connections: Arc<Connections>, stop: &(dyn Fn() -> bool + Sync)) {
-    while connections.prepare_next(stop) {
-        shared.change(|state| {
-            state.connections = Some(Arc::clone(&connections));
-            state.deliveries += 1;
-        });
+/// Traces the vertices of connections level by level, each of which makes better pictures. Stands still while the
+/// board has the machine for others.
+fn deliver_levels(
+    shared: &Shared,
+    seat: &Seat,
+    connections: &Arc<Connections>,
+    stop: &(dyn Fn() -> bool + Sync),
+) {
+    while !(stop() || connections.is_prepared()) {
+        seat.wait_to_prepare(stop);
+        if connections.prepare_next(&|| stop() || seat.is_held()) {
+            shared.change(|state| {
+                state.connections = Some(Arc::clone(connections));
+                state.deliveries += 1;
+            });
+        }
     }
 }

@@ -27,7 +27,7 @@ impl Relighter {
     pub fn connect(&mut self, scene: Arc<Scene>) -> Result<(), SessionError> {
         let Some(gather) = &mut self.gather else { return Ok(()) };
         let manifest = gather.gather().dump().manifest().clone();
-        if let Some(connections) = Connections::new(scene, &manifest, None)? {
+        if let Some(connections) = Connections::new(scene, &manifest, None, 1)? {
             let mut levels = 0..manifest.passes.len();
             while levels.next().is_some() && connections.prepare_next(&|| false) {}
             gather.connect(&Arc::new(connections), manifest.passes.len());
