@@ -164,7 +164,7 @@ def test_views_that_do_not_fit_in_memory_are_named(three, monkeypatch):
     assert "does not fit in memory" in listed_view.refusal(scene, right)
 
 
-def test_of_twelve_large_shots_those_are_shown_that_fit(scene, registered_for_all_files, looks, tmp_path):
+def test_of_twelve_large_shots_those_are_shown_that_fit(scene, registered_for_all_files, looks, tmp_path, monkeypatch):
     scene.relume.folder = str(tmp_path / "bakes")
     for number in range(11):
         camera = bpy.data.objects.new(f"Camera {number}", bpy.data.cameras.new("Camera"))
@@ -172,6 +172,7 @@ def test_of_twelve_large_shots_those_are_shown_that_fit(scene, registered_for_al
     update()
     entries = shot_list.add_cameras(scene)
     cameras = [entry.camera for entry in entries]
+    monkeypatch.setattr(listed_view, "MOST_BYTES", 32 * 2**30)
     size = (3840, 2160)
     for found in shot_list.all_shots(scene):
         put_bake(found.folder, found.camera, size)

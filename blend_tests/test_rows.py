@@ -125,7 +125,7 @@ def spoilt(change):
         ("[" * 100_000, "not JSON"),
         ("[]", '"format"'),
         ('{"format": "relume-bake"}', '"format"'),
-        ('{"format": "relume-look", "version": 2}', "version 2"),
+        ('{"format": "relume-look", "version": 3}', "version 3"),
         ('{"format": "relume-look", "version": 1}', '"name"'),
         (spoilt(lambda data: data.update(rows={})), '"rows"'),
         (spoilt(lambda data: data["rows"].append(3)), "a row is not an object"),

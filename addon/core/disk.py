@@ -1,7 +1,8 @@
-"""Room on disks: what a bake takes, what is free."""
+"""Room on disks and in memory: what a bake takes, what is free, what there is."""
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -21,6 +22,14 @@ def free_space(folder: Path) -> int | None:
         return shutil.disk_usage(next(found for found in (folder, *folder.parents) if found.exists())).free
     except OSError:
         return None
+
+
+def memory() -> int:
+    """Bytes of memory that the machine has; 0 where that cannot be told, such as on Windows."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 0
 
 
 def in_words(size: int) -> str:

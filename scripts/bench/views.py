@@ -1,4 +1,5 @@
-"""Delay of the active picture while a light is dragged, alone and beside other shots that follow the same light.
+"""Delay of the active picture while a light is dragged, alone and beside other shots that follow the same light: while
+these still prepare what their better pictures need, and at rest.
 
 In a Python that has `bpy` and `relume`. All shots show the same bake, each by threads of its own, and take turns on one
 board as in Blender's window. Prints one JSON line; `--keep` writes it to `docs/bench/views.json`.
@@ -29,7 +30,7 @@ TICK_SECONDS = 0.02
 def drag(lights, active, others, seconds):
     """Milliseconds from each request to its picture in the active shot, and the pictures that each other one showed."""
     asked, delays, seen, start = {}, [], 0, time.perf_counter()
-    newest, shown = [shot.frame(0).serial for shot in others], [0] * len(others)
+    newest, shown = [getattr(shot.frame(0), "serial", 0) for shot in others], [0] * len(others)
     while time.perf_counter() < start + seconds:
         lights[0]["shape"]["center"][0] += 0.01 if len(asked) % 20 < 10 else -0.01
         content = {"lights": lights, "interactive": True}
@@ -89,18 +90,21 @@ def main():
         others = []
         for number in range(1, args.shots):
             others.append(opened(shutil.copytree(f"{folder}/0", f"{folder}/{number}"), board))
+        preparing, _ = drag(lights, active, others, args.seconds)
         settle([active, *others], lights)
         beside, shown = drag(lights, active, others, args.seconds)
         for shot in (active, *others):
             shot.close(wait_seconds=10)
-    one, several = statistics.mean(alone), statistics.mean(beside)
+    one, among_busy, several = map(statistics.mean, (alone, preparing, beside))
     record = {
         "shot": args.blend.stem,
         "size": [args.width, args.height],
         "samples": args.samples,
         "shots": args.shots,
         "alone_ms": round(one, 1),
+        "beside_preparing_ms": round(among_busy, 1),
         "beside_ms": round(several, 1),
+        "later_while_preparing_percent": round(100.0 * (among_busy / one - 1.0), 1),
         "later_percent": round(100.0 * (several / one - 1.0), 1),
         "active_pictures_a_second": [round(len(found) / args.seconds, 1) for found in (alone, beside)],
         "least_pictures_of_another_a_second": round(min(shown) / args.seconds, 2),
