@@ -12,7 +12,7 @@ use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
 use relume_trace::sampler::PixelSampler;
 use relume_trace::{
-    ConnectScratch, PathScratch, PathVertex, TileVertices, TraceSettings, Tracer, VertexLimits,
+    ConnectScratch, PathScratch, PathVertex, PixelVertices, TraceSettings, Tracer, VertexLimits,
 };
 use self_cell::self_cell;
 
@@ -45,7 +45,7 @@ struct Level {
     pass: Pass,
     limits: VertexLimits,
     /// Vertices of each tile, where memory allows to keep them. Others are traced anew for each use.
-    kept: Vec<OnceLock<TileVertices>>,
+    kept: Vec<OnceLock<PixelVertices>>,
 }
 
 /// Part of a light's unit image that is summed by connections.
@@ -120,6 +120,11 @@ impl Connections {
         }))
     }
 
+    /// Traces the vertices of so many levels as far as they are kept, where that was not done yet.
+    pub fn prepare(&self, levels: usize) {
+        while self.prepared.load(Ordering::Acquire) < levels && self.prepare_next(&|| false) {}
+    }
+
     /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it.
     pub fn prepare_next(&self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
         let number = self.prepared.load(Ordering::Acquire);
@@ -127,7 +132,7 @@ impl Connections {
             return false;
         }
         let level = &self.levels[number];
-        let prepare = |scratch: &mut PathScratch, (tile, kept): (usize, &OnceLock<TileVertices>)| {
+        let prepare = |scratch: &mut PathScratch, (tile, kept): (usize, &OnceLock<PixelVertices>)| {
             if !stop() {
                 kept.get_or_init(|| self.trace(level, tile, scratch));
             }
@@ -153,7 +158,7 @@ impl Connections {
         }
         *self.most_kept.get_or_init(|| {
             let first = &self.levels[0];
-            let bytes: usize = first.kept.iter().filter_map(OnceLock::get).map(TileVertices::bytes).sum();
+            let bytes: usize = first.kept.iter().filter_map(OnceLock::get).map(PixelVertices::bytes).sum();
             let paths = VERTEX_MEMORY / bytes.max(1) * first.pass.samples as usize;
             let mut sum = 0;
             let fits = |level: &&Level| {
@@ -164,9 +169,19 @@ impl Connections {
         })
     }
 
-    fn trace(&self, level: &Level, tile: usize, scratch: &mut PathScratch) -> TileVertices {
-        let rect = self.manifest.tile_rect(tile);
-        self.tracer.borrow_dependent().path_vertices(rect, level.pass, level.limits, scratch)
+    fn trace(&self, level: &Level, tile: usize, scratch: &mut PathScratch) -> PixelVertices {
+        let pixels = self.manifest.tile_rect(tile).pixels();
+        self.tracer().path_vertices(pixels, level.pass, level.limits, scratch)
+    }
+
+    /// The tracer of the bake's paths.
+    pub fn tracer(&self) -> &Tracer<'_> {
+        self.tracer.borrow_dependent()
+    }
+
+    /// The bake.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
     }
 
     /// True if the scene is that of a bake.
@@ -174,25 +189,20 @@ impl Connections {
         self.manifest.scene_hash == manifest.scene_hash && self.manifest.seed == manifest.seed
     }
 
-    /// Those of some lights that are connected, by their number.
+    /// [`emitters`] of some lights.
     ///
     /// # Errors
     /// If a light is none: see [`relume_gather::PreparedLight::new`].
     pub fn emitters(&self, lights: &[Light]) -> Result<Vec<(usize, Emitter)>, GatherError> {
-        let emitter = |(number, light)| Ok((number, Emitter::new(light, &self.manifest, self.balance)?));
-        lights.iter().enumerate().filter(|(_, light)| Emitter::covers(light)).map(emitter).collect()
+        emitters(lights, &self.manifest, self.balance)
     }
 
-    /// Lights made ready for `gather`, which is of the same bake, without what is connected of them.
+    /// [`crossed`] of some lights; `gather` is of the same bake.
     ///
     /// # Errors
     /// If a light is none: see [`relume_gather::PreparedLight::new`].
     pub fn crossed(&self, gather: &Gather, lights: &[Light]) -> Result<Vec<PreparedLight>, GatherError> {
-        let prepare = |light| match Emitter::covers(light) {
-            true => gather.prepare_balanced(light, self.balance),
-            false => gather.prepare(light),
-        };
-        lights.iter().map(prepare).collect()
+        crossed(gather, lights, self.balance)
     }
 
     /// Connected parts of the unit images of those of `lights` that are connected, by their number, from so many levels or more as far as
@@ -270,7 +280,7 @@ impl Connections {
 
     /// Values of a tile, light by light, then pixel by pixel; one pixel of each block is made for all of it.
     fn tile(&self, level: &Level, tile: usize, lights: &[&Emitter], block: usize) -> Vec<[f32; 3]> {
-        let (tracer, rect) = (self.tracer.borrow_dependent(), self.manifest.tile_rect(tile));
+        let rect = self.manifest.tile_rect(tile);
         let traced;
         let vertices = match level.kept[tile].get() {
             Some(kept) => kept,
@@ -285,22 +295,64 @@ impl Connections {
         for (x, y) in
             (0..rect.height).step_by(block).flat_map(|y| (0..rect.width).step_by(block).map(move |x| (x, y)))
         {
-            let sampler = PixelSampler::new(self.manifest.seed, (rect.x + x) as u32, (rect.y + y) as u32);
-            let first = (1 + LATER) * level.pass.first_sample;
-            for (vertex, number) in vertices.pixel(y * rect.width + x).iter().zip(first..) {
-                let u = sampler.draw(number, LIGHT_GROUP);
-                for (emitter, values) in lights.iter().zip(values.chunks_exact_mut(rect.pixel_count())) {
-                    let light = scale * connect(tracer, vertex, emitter, u, &mut scratch);
-                    let value = &mut values[y * rect.width + x];
-                    value.iter_mut().zip(light.to_array()).for_each(|(value, light)| *value += light);
-                }
-            }
+            let pixel = y * rect.width + x;
+            let vertices = (vertices.pixel(pixel), (rect.x + x, rect.y + y), level.pass);
+            self.connect(vertices, lights, &mut scratch, |number, light| {
+                let value = &mut values[number * rect.pixel_count() + pixel];
+                value.iter_mut().zip(light).for_each(|(value, light)| *value += scale * light);
+            });
         }
         if block > 1 {
             values.chunks_exact_mut(rect.pixel_count()).for_each(|values| fill_blocks(values, rect, block));
         }
         values
     }
+
+    /// Gives `add` the light that some lights add to a pixel by all its vertices of a pass, by their number.
+    pub fn connect(
+        &self,
+        (vertices, (x, y), pass): (&[PathVertex], (usize, usize), Pass),
+        lights: &[&Emitter],
+        scratch: &mut ConnectScratch,
+        mut add: impl FnMut(usize, [f32; 3]),
+    ) {
+        let sampler = PixelSampler::new(self.manifest.seed, x as u32, y as u32);
+        for (vertex, number) in vertices.iter().zip((1 + LATER) * pass.first_sample..) {
+            let u = sampler.draw(number, LIGHT_GROUP);
+            for (i, light) in lights.iter().enumerate() {
+                add(i, connect(self.tracer(), vertex, light, u, scratch).to_array());
+            }
+        }
+    }
+}
+
+/// Those of some lights that are connected, by their number.
+///
+/// # Errors
+/// If a light is none: see [`relume_gather::PreparedLight::new`].
+pub(crate) fn emitters(
+    lights: &[Light],
+    manifest: &Manifest,
+    balance: Balance,
+) -> Result<Vec<(usize, Emitter)>, GatherError> {
+    let emitter = |(number, light)| Ok((number, Emitter::new(light, manifest, balance)?));
+    lights.iter().enumerate().filter(|(_, light)| Emitter::covers(light)).map(emitter).collect()
+}
+
+/// Lights made ready for a gather without what is connected of them.
+///
+/// # Errors
+/// If a light is none: see [`relume_gather::PreparedLight::new`].
+pub(crate) fn crossed(
+    gather: &Gather,
+    lights: &[Light],
+    balance: Balance,
+) -> Result<Vec<PreparedLight>, GatherError> {
+    let prepare = |light| match Emitter::covers(light) {
+        true => gather.prepare_balanced(light, balance),
+        false => gather.prepare(light),
+    };
+    lights.iter().map(prepare).collect()
 }
 
 /// Gives all pixels of each block the value of its first.
@@ -333,6 +385,11 @@ fn connect(
     sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, weights, scratch)
 }
 
+/// Most vertices that are kept of a pixel of so many paths.
+pub(crate) fn limits(samples: u32) -> VertexLimits {
+    VertexLimits { first: samples as usize, later: (LATER * samples) as usize }
+}
+
 /// Levels of a picture.
 fn levels(manifest: &Manifest) -> Vec<Level> {
     let first_sample = manifest.passes.first().map_or(0, |pass| pass.first_sample);
@@ -342,7 +399,7 @@ fn levels(manifest: &Manifest) -> Vec<Level> {
         let samples = sum.clamp(1, PATHS - sum);
         levels.push(Level {
             pass: Pass { first_sample: first_sample + sum, samples },
-            limits: VertexLimits { first: samples as usize, later: (LATER * samples) as usize },
+            limits: limits(samples),
             kept: (0..manifest.tile_count()).map(|_| OnceLock::new()).collect(),
         });
         sum += samples;
