@@ -157,3 +157,86 @@ impl BlockVertices {
         means
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_box::{bulbs, closed_box};
+    use glam::Vec3;
+    use relume_dump::MemoryWriter;
+    use relume_gather::SampleSplit;
+    use relume_image::Image;
+    use relume_scene::{LightShape, Scene};
+    use relume_trace::{Control, TraceSettings, Tracer};
+
+    const SIZE: (usize, usize) = (58, 37);
+
+    fn baked(scene: &Scene, samples: u32, seed: u64) -> Gather {
+        let tracer =
+            Tracer::new(scene, &TraceSettings { samples, seed, ..TraceSettings::default() }).unwrap();
+        let writer = MemoryWriter::new(tracer.manifest()).unwrap();
+        tracer.trace(&writer, &Control::default()).unwrap();
+        Gather::new(writer.snapshot())
+    }
+
+    /// Crossings and connections of a light together, by half.
+    fn both(gather: &Gather, vertices: &BlockVertices, light: &Light) -> [Image; 2] {
+        let lights = std::slice::from_ref(light);
+        let (columns, rows) = vertices.size();
+        let blocks: Vec<u32> = (0..(columns * rows) as u32).collect();
+        let mut connected = vertices.halves(lights, &blocks).unwrap();
+        let crossed = vertices.crossed(gather, lights).unwrap();
+        let mut halves = [SampleSplit::First, SampleSplit::Second]
+            .map(|half| gather.unit_images(&crossed, half).remove(0).shrunk(vertices.edge));
+        for (half, connected) in halves.iter_mut().zip(connected.remove(0).1) {
+            assert_eq!(half.data.len(), 3 * connected.len());
+            half.data.iter_mut().zip(connected.as_flattened()).for_each(|(sum, value)| *sum += value);
+        }
+        halves
+    }
+
+    #[test]
+    fn halves_of_blocks_are_independent_and_have_the_mean_of_crossings() {
+        let scene = Arc::new(closed_box(SIZE).unwrap());
+        let own = baked(&scene, 32, 0);
+        let references = [1, 2].map(|seed| baked(&scene, 256, seed));
+        let connections = Connections::new(scene, own.dump().manifest(), None).unwrap().unwrap();
+        let connections = Arc::new(connections);
+        let small = LightShape::Sphere { center: Vec3::new(0.3, -0.4, 0.2), radius: 0.02 };
+        let panel = LightShape::Quad {
+            center: Vec3::new(0.2, 0.1, 0.9),
+            edge_u: Vec3::Y * 0.8,
+            edge_v: Vec3::X * 0.8,
+            spread: std::f32::consts::PI,
+        };
+        let lights = [Light::unit(small), Light::unit(panel), bulbs(1).remove(0)];
+        for (edge, side) in [(1, 2), (2, 4), (3, 4), (8, 4)] {
+            let vertices = BlockVertices::new(&connections, edge, side, &|| false).unwrap();
+            assert_eq!(vertices.size(), (SIZE.0.div_ceil(edge), SIZE.1.div_ceil(edge)));
+            for light in &lights {
+                let halves = both(&own, &vertices, light);
+                let errors: [Vec<f64>; 2] = [0, 1].map(|half| {
+                    let reference = &references[half];
+                    let reference = reference
+                        .unit_images(&[reference.prepare(light).unwrap()], SampleSplit::All)
+                        .remove(0)
+                        .shrunk(edge);
+                    // Channels of a grey box are all alike.
+                    let pairs = halves[half].data.iter().zip(&reference.data).step_by(3);
+                    pairs.map(|(found, expected)| f64::from(found - expected)).collect()
+                });
+                let count = errors[0].len() as f64;
+                let sum_of = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+                for errors in &errors {
+                    let mean = errors.iter().sum::<f64>() / count;
+                    let standard_error = (sum_of(errors, errors) / count / count).sqrt();
+                    assert!(mean.abs() < 4.0 * standard_error, "{edge} {mean} +- {standard_error} {light:?}");
+                }
+                let [first, second] = &errors;
+                let correlation =
+                    sum_of(first, second) / (sum_of(first, first) * sum_of(second, second)).sqrt();
+                assert!(correlation.abs() < 4.0 / count.sqrt(), "{edge} {correlation} {light:?}");
+            }
+        }
+    }
+}

@@ -63,7 +63,7 @@ impl Relighter {
     }
 
     /// True if a light is connected.
-    pub(super) fn connects(&self, light: &Light) -> bool {
+    pub(crate) fn connects(&self, light: &Light) -> bool {
         self.gather.as_ref().is_some_and(|gather| gather.connects(light))
     }
 }
