@@ -76,6 +76,12 @@ impl TileRect {
     pub fn pixel_count(&self) -> usize {
         self.width * self.height
     }
+
+    /// Its pixels, row by row.
+    pub fn pixels(self) -> impl Iterator<Item = (usize, usize)> {
+        let columns = self.x..self.x + self.width;
+        (self.y..self.y + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
+    }
 }
 
 impl Manifest {

@@ -196,18 +196,17 @@ impl<'a> SoftGather<'a> {
     /// cell.
     ///
     /// # Errors
-    /// If a light cannot be gathered, or there is no such cell.
+    /// If there is no such cell.
     pub fn exact(
         &self,
-        lights: &[Light],
+        lights: &[PreparedLight],
         half: SampleSplit,
         cells: &[u32],
     ) -> Result<Vec<Vec<[f32; 3]>>, GatherError> {
         self.check_cells(cells)?;
-        let lights = self.gather.prepare_all(lights)?;
         let (gather, half) = self.gather.split(half);
         let of_cell = |work: &mut KernelWork, &cell: &u32| {
-            self.exact_cell((&gather, half), &lights, cell as usize, work)
+            self.exact_cell((&gather, half), lights, cell as usize, work)
         };
         let by_cell: Vec<Vec<[f32; 3]>> = cells.par_iter().map_init(KernelWork::default, of_cell).collect();
         Ok((0..lights.len()).map(|light| by_cell.iter().map(|values| values[light]).collect()).collect())

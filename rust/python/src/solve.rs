@@ -28,7 +28,11 @@ pub fn solve(
         in_background(threads, || {
             let compute = device.open(gpu_memory)?;
             compute.warn(monitor);
-            let open = |folder: &PathBuf| Ok(Relighter::open(folder)?.on(&compute));
+            let open = |folder: &PathBuf| {
+                let mut relighter = Relighter::open(folder)?.on(&compute);
+                relighter.connect_stored(monitor);
+                Ok(relighter)
+            };
             let relighters = folders.iter().map(open).collect::<Result<Vec<_>, NativeError>>()?;
             let views: Vec<&Relighter> = relighters.iter().collect();
             let preview = |found: &InterimLights| show(serde_json::to_string(found).unwrap_or_default());

@@ -11,7 +11,11 @@ pub fn optimise(args: &OptimiseArgs, context: &CommandContext) -> anyhow::Result
     check_out(&args.out, "json", "lights are written as JSON")?;
     let compute = context.compute()?;
     let views = Views::of(args)?;
-    let open = |folder: &PathBuf| context.relighter(folder, &compute);
+    let open = |folder: &PathBuf| {
+        let mut relighter = context.relighter(folder, &compute)?;
+        relighter.connect_stored(context.monitor);
+        Ok(relighter)
+    };
     let relighters = views.bakes.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
     let (mut request, folder) = match &args.request {
         Some(path) => (read_request(path, &views, &relighters[0])?, path.parent().unwrap_or(Path::new(""))),

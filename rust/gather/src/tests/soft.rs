@@ -150,7 +150,7 @@ fn exact_cells_are_means_of_the_gathered_pictures_by_any_half() {
     let (lights, cells) = (random_lights(), [8, 0, 4, 2]);
     let prepared = gather.prepare_all(&lights).unwrap();
     for half in [SampleSplit::All, SampleSplit::First, SampleSplit::Second] {
-        let found = soft.exact(&lights, half, &cells).unwrap();
+        let found = soft.exact(&prepared, half, &cells).unwrap();
         let images = gather.unit_images(&prepared, half);
         for ((found, image), light) in found.iter().zip(&images).zip(&lights) {
             let means = image.shrunk(3).data.as_chunks::<3>().0.to_vec();
@@ -163,7 +163,7 @@ fn exact_cells_are_means_of_the_gathered_pictures_by_any_half() {
         assert!(found.iter().flatten().flatten().any(|value| *value > 0.0));
     }
     assert!(matches!(
-        soft.exact(&lights, SampleSplit::All, &[9]),
+        soft.exact(&prepared, SampleSplit::All, &[9]),
         Err(GatherError::Cell { cell: 9, cells: 9 })
     ));
 }

@@ -1,5 +1,6 @@
 //! Lights connected to the vertices of light-free paths, where the scene of a bake is at hand.
 
+mod levels;
 mod parts;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,13 +14,14 @@ use relume_image::Image;
 use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
 use relume_trace::sampler::PixelSampler;
-use relume_trace::{
-    ConnectScratch, PathScratch, PathVertex, TileVertices, TraceSettings, Tracer, VertexLimits,
-};
+use relume_trace::{ConnectScratch, PathScratch, PathVertex, PixelVertices, TraceSettings, Tracer};
 use self_cell::self_cell;
 
+use self::levels::{LATER, Level, VERTEX_MEMORY, levels, levels_within};
 use crate::error::SessionError;
 use crate::relight::light_cache::LightCache;
+
+pub(crate) use self::levels::limits;
 
 self_cell!(
     struct OwnedTracer {
@@ -45,13 +47,6 @@ pub(crate) struct Connections {
     images: Mutex<LightCache<Arc<ConnectedImage>>>,
 }
 
-struct Level {
-    pass: Pass,
-    limits: VertexLimits,
-    /// Vertices of each tile, where memory allows to keep them. Others are traced anew for each use.
-    kept: Vec<OnceLock<TileVertices>>,
-}
-
 /// Part of a light's unit image that is summed by connections.
 pub(crate) struct ConnectedImage {
     pub levels: usize,
@@ -67,13 +62,6 @@ pub(crate) type NumberedImages = Vec<(usize, Arc<ConnectedImage>)>;
 
 /// Group of the sampler whose numbers choose points on lights.
 const LIGHT_GROUP: u32 = 1 << 25;
-/// Memory of all vertices that are kept, of all shots that are shown together, bytes. The first level of each is kept
-/// whatever it takes.
-const VERTEX_MEMORY: usize = 1 << 30;
-/// Paths per pixel whose vertices lights are connected to.
-const PATHS: u32 = 32;
-/// Vertices that are kept of a path but its first: those of later bounces matter less.
-const LATER: u32 = 2;
 /// Least share of a light that is connected at each vertex. Below it, fewer vertices are connected in its place.
 const LEAST_SHARE: f32 = 0.1;
 /// Memory of images that are kept for later, bytes.
@@ -132,6 +120,11 @@ impl Connections {
         self.prepared.load(Ordering::Acquire) == self.most_kept()
     }
 
+    /// Traces the vertices of so many levels as far as they are kept, where that was not done yet.
+    pub fn prepare(&self, levels: usize) {
+        while self.prepared.load(Ordering::Acquire) < levels && self.prepare_next(&|| false) {}
+    }
+
     /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it. The next call
     /// goes on at the tiles that it left out.
     pub fn prepare_next(&self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
@@ -140,7 +133,7 @@ impl Connections {
             return false;
         }
         let level = &self.levels[number];
-        let prepare = |scratch: &mut PathScratch, (tile, kept): (usize, &OnceLock<TileVertices>)| {
+        let prepare = |scratch: &mut PathScratch, (tile, kept): (usize, &OnceLock<PixelVertices>)| {
             if !stop() {
                 kept.get_or_init(|| self.trace(level, tile, scratch));
             }
@@ -166,14 +159,24 @@ impl Connections {
         }
         *self.most_kept.get_or_init(|| {
             let first = &self.levels[0];
-            let bytes: usize = first.kept.iter().filter_map(OnceLock::get).map(TileVertices::bytes).sum();
+            let bytes: usize = first.kept.iter().filter_map(OnceLock::get).map(PixelVertices::bytes).sum();
             levels_within(self.memory, bytes, self.levels.iter().map(|level| level.pass.samples))
         })
     }
 
-    fn trace(&self, level: &Level, tile: usize, scratch: &mut PathScratch) -> TileVertices {
-        let rect = self.manifest.tile_rect(tile);
-        self.tracer.borrow_dependent().path_vertices(rect, level.pass, level.limits, scratch)
+    fn trace(&self, level: &Level, tile: usize, scratch: &mut PathScratch) -> PixelVertices {
+        let pixels = self.manifest.tile_rect(tile).pixels();
+        self.tracer().path_vertices(pixels, level.pass, level.limits, scratch)
+    }
+
+    /// The tracer of the bake's paths.
+    pub fn tracer(&self) -> &Tracer<'_> {
+        self.tracer.borrow_dependent()
+    }
+
+    /// The bake.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
     }
 
     /// True if the scene is that of a bake.
@@ -181,25 +184,20 @@ impl Connections {
         self.manifest.scene_hash == manifest.scene_hash && self.manifest.seed == manifest.seed
     }
 
-    /// Those of some lights that are connected, by their number.
+    /// [`emitters`] of some lights.
     ///
     /// # Errors
     /// If a light is none: see [`relume_gather::PreparedLight::new`].
     pub fn emitters(&self, lights: &[Light]) -> Result<Vec<(usize, Emitter)>, GatherError> {
-        let emitter = |(number, light)| Ok((number, Emitter::new(light, &self.manifest, self.balance)?));
-        lights.iter().enumerate().filter(|(_, light)| Emitter::covers(light)).map(emitter).collect()
+        emitters(lights, &self.manifest, self.balance)
     }
 
-    /// Lights made ready for `gather`, which is of the same bake, without what is connected of them.
+    /// [`crossed`] of some lights; `gather` is of the same bake.
     ///
     /// # Errors
     /// If a light is none: see [`relume_gather::PreparedLight::new`].
     pub fn crossed(&self, gather: &Gather, lights: &[Light]) -> Result<Vec<PreparedLight>, GatherError> {
-        let prepare = |light| match Emitter::covers(light) {
-            true => gather.prepare_balanced(light, self.balance),
-            false => gather.prepare(light),
-        };
-        lights.iter().map(prepare).collect()
+        crossed(gather, lights, self.balance)
     }
 
     /// Connected parts of the unit images of those of `lights` that are connected, by their number, from so many levels or more as far as
@@ -269,10 +267,10 @@ impl Connections {
         if lights.is_empty() {
             return Some(Vec::new());
         }
-        let tracer = self.tracer.borrow_dependent();
-        self.summed(gather, level, lights.len(), block, stop, |vertex, u, scratch, pixel| {
+        let tracer = self.tracer();
+        self.summed(gather, level, lights.len(), block, stop, |vertex, numbers, scratch, pixel| {
             for (layer, emitter) in lights.iter().enumerate() {
-                pixel.add(layer, connect(tracer, vertex, emitter, u, scratch));
+                pixel.add(layer, connect(tracer, vertex, emitter, numbers, scratch));
             }
         })
     }
@@ -318,12 +316,11 @@ impl Connections {
         for (x, y) in
             (0..rect.height).step_by(block).flat_map(|y| (0..rect.width).step_by(block).map(move |x| (x, y)))
         {
-            let sampler = PixelSampler::new(self.manifest.seed, (rect.x + x) as u32, (rect.y + y) as u32);
-            let first = (1 + LATER) * level.pass.first_sample;
             let number = y * rect.width + x;
             let mut pixel = PixelSums { values: &mut values, pixels: rect.pixel_count(), number, scale };
-            for (vertex, number) in vertices.pixel(number).iter().zip(first..) {
-                add(vertex, sampler.draw(number, LIGHT_GROUP), &mut scratch, &mut pixel);
+            let vertices = vertices.pixel(number);
+            for (vertex, numbers) in self.with_numbers(vertices, (rect.x + x, rect.y + y), level.pass) {
+                add(vertex, numbers, &mut scratch, &mut pixel);
             }
         }
         if block > 1 {
@@ -331,6 +328,62 @@ impl Connections {
         }
         values
     }
+
+    /// Gives `add` the light that some lights add to a pixel by all its vertices of a pass, by their number.
+    pub fn connect(
+        &self,
+        (vertices, pixel, pass): (&[PathVertex], (usize, usize), Pass),
+        lights: &[&Emitter],
+        scratch: &mut ConnectScratch,
+        mut add: impl FnMut(usize, [f32; 3]),
+    ) {
+        for (vertex, numbers) in self.with_numbers(vertices, pixel, pass) {
+            for (i, light) in lights.iter().enumerate() {
+                add(i, connect(self.tracer(), vertex, light, numbers, scratch).to_array());
+            }
+        }
+    }
+
+    /// A pixel's vertices of a pass, with the numbers in 0..1 that choose points on lights.
+    fn with_numbers<'a>(
+        &self,
+        vertices: &'a [PathVertex],
+        (x, y): (usize, usize),
+        pass: Pass,
+    ) -> impl Iterator<Item = (&'a PathVertex, [f32; 4])> + use<'a> {
+        let sampler = PixelSampler::new(self.manifest.seed, x as u32, y as u32);
+        let numbered = vertices.iter().zip((1 + LATER) * pass.first_sample..);
+        numbered.map(move |(vertex, number)| (vertex, sampler.draw(number, LIGHT_GROUP)))
+    }
+}
+
+/// Those of some lights that are connected, by their number.
+///
+/// # Errors
+/// If a light is none: see [`relume_gather::PreparedLight::new`].
+pub(crate) fn emitters(
+    lights: &[Light],
+    manifest: &Manifest,
+    balance: Balance,
+) -> Result<Vec<(usize, Emitter)>, GatherError> {
+    let emitter = |(number, light)| Ok((number, Emitter::new(light, manifest, balance)?));
+    lights.iter().enumerate().filter(|(_, light)| Emitter::covers(light)).map(emitter).collect()
+}
+
+/// Lights made ready for a gather without what is connected of them.
+///
+/// # Errors
+/// If a light is none: see [`relume_gather::PreparedLight::new`].
+pub(crate) fn crossed(
+    gather: &Gather,
+    lights: &[Light],
+    balance: Balance,
+) -> Result<Vec<PreparedLight>, GatherError> {
+    let prepare = |light| match Emitter::covers(light) {
+        true => gather.prepare_balanced(light, balance),
+        false => gather.prepare(light),
+    };
+    lights.iter().map(prepare).collect()
 }
 
 /// Sums of one pixel in several layers.
@@ -348,19 +401,6 @@ impl PixelSums<'_> {
         let value = &mut self.values[layer * self.pixels + self.number];
         value.iter_mut().zip((self.scale * light).to_array()).for_each(|(value, light)| *value += light);
     }
-}
-
-/// Number of levels, of so many paths each, whose vertices memory allows to keep if those of the first one take so many
-/// bytes; one at least.
-fn levels_within(memory: usize, bytes_of_first: usize, paths: impl Iterator<Item = u32> + Clone) -> usize {
-    let first = paths.clone().next().unwrap_or(1) as usize;
-    let most = memory / bytes_of_first.max(1) * first;
-    let mut sum = 0;
-    let fits = |paths: &u32| {
-        sum += *paths as usize;
-        sum <= most
-    };
-    paths.take_while(fits).count().max(1)
 }
 
 /// Gives all pixels of each block the value of its first.
@@ -402,23 +442,6 @@ fn weighed_sample(
     Some((light.sample(vertex.position, vertex.normal(), [u, v])?, weights))
 }
 
-/// Levels of a picture.
-fn levels(manifest: &Manifest) -> Vec<Level> {
-    let first_sample = manifest.passes.first().map_or(0, |pass| pass.first_sample);
-    let mut levels = Vec::new();
-    let mut sum = 0;
-    while sum < PATHS {
-        let samples = sum.clamp(1, PATHS - sum);
-        levels.push(Level {
-            pass: Pass { first_sample: first_sample + sum, samples },
-            limits: VertexLimits { first: samples as usize, later: (LATER * samples) as usize },
-            kept: (0..manifest.tile_count()).map(|_| OnceLock::new()).collect(),
-        });
-        sum += samples;
-    }
-    levels
-}
-
 impl ConnectedImage {
     /// Image of one level more, which is of so many paths.
     fn grown(before: Option<&Self>, mut image: Image, samples: u32) -> Self {
@@ -444,100 +467,4 @@ impl ConnectedImage {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::test_box::{bulbs, closed_box_of, glossy_grey, grey};
-    use relume_dump::MemoryWriter;
-    use relume_gather::SampleSplit;
-    use relume_scene::LightShape;
-    use relume_trace::Control;
-
-    #[test]
-    fn connected_light_has_the_mean_of_crossings_and_less_noise() {
-        for nodes in [vec![grey()], glossy_grey(0.6)] {
-            compare_with_crossings(closed_box_of((24, 24), nodes).unwrap());
-        }
-    }
-
-    #[test]
-    fn vertices_of_twelve_large_shots_stay_within_the_memory_of_one_but_for_their_first_level() {
-        let paths = [1, 1, 2, 4, 8, 16];
-        // Three vertices of 64 bytes for each pixel and path.
-        let first = |width: usize, height: usize| 192 * width * height;
-        let kept = |bytes, shots| levels_within(VERTEX_MEMORY / shots, bytes, paths.into_iter());
-        assert_eq!(kept(first(640, 360), 1), 5, "16 paths are 0.7 GB");
-        assert_eq!(kept(first(3840, 2160), 1), 1, "even one is more");
-        for (width, height) in [(640, 360), (960, 540), (1920, 1080), (3840, 2160)] {
-            let bytes = first(width, height);
-            for shots in 1..=12 {
-                let of_one = paths[..kept(bytes, shots)].iter().sum::<u32>() as usize * bytes;
-                assert!(of_one <= bytes.max(VERTEX_MEMORY / shots), "{shots} shots, {width} x {height}");
-            }
-        }
-    }
-
-    #[test]
-    fn preparing_goes_on_where_it_was_stopped() {
-        let scene = Arc::new(closed_box_of((24, 24), vec![grey()]).unwrap());
-        let settings = TraceSettings { samples: 2, tile_size: 8, ..TraceSettings::default() };
-        let manifest = Tracer::new(&scene, &settings).unwrap().manifest();
-        let connections = Connections::new(scene, &manifest, None, 1).unwrap().unwrap();
-        let traced = || connections.levels[0].kept.iter().filter(|tile| tile.get().is_some()).count();
-        let asked = AtomicUsize::new(0);
-        assert!(!connections.prepare_next(&|| asked.fetch_add(1, Ordering::Relaxed) >= 4));
-        assert_eq!((traced(), connections.ready()), (4, 0));
-        let asked = AtomicUsize::new(0);
-        assert!(connections.prepare_next(&|| {
-            asked.fetch_add(1, Ordering::Relaxed);
-            false
-        }));
-        assert_eq!((traced(), connections.ready()), (9, 1));
-        assert!(!connections.is_prepared());
-        while connections.prepare_next(&|| false) {}
-        assert!(connections.is_prepared());
-    }
-
-    fn compare_with_crossings(scene: Scene) {
-        let scene = Arc::new(scene);
-        let settings = TraceSettings { samples: 1024, ..TraceSettings::default() };
-        let tracer = Tracer::new(&scene, &settings).unwrap();
-        let writer = MemoryWriter::new(tracer.manifest()).unwrap();
-        tracer.trace(&writer, &Control::default()).unwrap();
-        let gather = Gather::new(writer.snapshot());
-        // As many paths as are connected.
-        let few = Gather::new(gather.dump().passes(0..6));
-        let connections =
-            Connections::new(scene.clone(), gather.dump().manifest(), None, 1).unwrap().unwrap();
-        while connections.prepare_next(&|| false) {}
-        let mut lights = bulbs(3);
-        let panel = |edge: f32| LightShape::Quad {
-            center: Vec3::new(0.2, 0.1, 0.9),
-            edge_u: Vec3::Y * edge,
-            edge_v: Vec3::X * edge,
-            spread: std::f32::consts::PI,
-        };
-        let large = [panel(0.1), panel(1.2), LightShape::Sphere { center: Vec3::splat(0.7), radius: 0.6 }];
-        lights.extend(large.map(Light::unit));
-        let emitters = connections.emitters(&lights).unwrap();
-        let joined = connections.images(&gather, &lights, &emitters, usize::MAX, &|| false).unwrap();
-        let rest = gather.unit_images(&connections.crossed(&gather, &lights).unwrap(), SampleSplit::All);
-        for ((light, mut image), (_, joined)) in lights.iter().zip(rest).zip(joined) {
-            image.add_scaled(&joined.image, &[1.0; 3]);
-            let crossed = &gather.unit_images(&[gather.prepare(light).unwrap()], SampleSplit::All)[0];
-            let differences: Vec<f64> =
-                crossed.data.iter().zip(&image.data).map(|(a, b)| f64::from(a - b)).collect();
-            let count = differences.len() as f64;
-            let mean = differences.iter().sum::<f64>() / count;
-            let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
-            // Channels of a grey box are all alike.
-            let standard_error = (3.0 * variance / count).sqrt();
-            assert!(mean.abs() < 4.0 * standard_error, "{mean} +- {standard_error}");
-            let noise = |image: &Image| {
-                let rough = image.data.chunks_exact(3).zip(image.data[3..].chunks_exact(3));
-                rough.map(|(a, b)| f64::from(a[0] - b[0]).powi(2)).sum::<f64>()
-            };
-            let few = &few.unit_images(&[few.prepare(light).unwrap()], SampleSplit::All)[0];
-            assert!(noise(&image) < 0.3 * noise(few), "{} {}", noise(&image), noise(few));
-        }
-    }
-}
+mod tests;

@@ -75,6 +75,11 @@ impl DeviceGather {
         self.connections = Some((Arc::clone(connections), levels));
     }
 
+    /// What lights are connected by, if anything.
+    pub fn connections(&self) -> Option<&Arc<Connections>> {
+        self.connections.as_ref().map(|(connections, _)| connections)
+    }
+
     /// True if a light is connected.
     pub fn connects(&self, light: &Light) -> bool {
         self.connections.is_some() && Emitter::covers(light)
@@ -94,21 +99,36 @@ impl DeviceGather {
         self.gather.dump().manifest().samples()
     }
 
-    /// Unit images of some lights.
+    /// Unit images of some lights, connected by all levels.
     pub fn unit_images(
         &self,
         lights: &[Light],
+        compute: &Compute,
+        monitor: &Monitor,
+    ) -> Result<Vec<Image>, SessionError> {
+        if let Some((connections, levels)) = &self.connections {
+            connections.prepare(*levels);
+        }
+        let work =
+            |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, SampleSplit::All);
+        let (mut images, connected) =
+            self.images(lights, Haste::NONE, (compute, monitor), work, |image| image)?;
+        for (light, connected) in connected {
+            images[light].add_scaled(&connected.image, &[1.0; 3]);
+        }
+        Ok(images)
+    }
+
+    /// Sums of some lights over the crossings of some of the paths.
+    pub fn crossed_images(
+        &self,
+        crossed: &[PreparedLight],
         split: SampleSplit,
         compute: &Compute,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         let work = |on_gpu: &GpuGather, lights: &[PreparedLight]| on_gpu.unit_images(lights, split);
-        let (mut images, connected) =
-            self.images(lights, split, Haste::NONE, (compute, monitor), work, |image| image)?;
-        for (light, connected) in connected {
-            images[light].add_scaled(&connected.image, &[1.0; 3]);
-        }
-        Ok(images)
+        self.sums(crossed, split, (compute, monitor), work, |image| image)
     }
 
     /// Parts of unit images: of crossings, which stay on the GPU where that makes them and has room, and of connections. They are
@@ -134,8 +154,7 @@ impl DeviceGather {
                 images.into_iter().map(|image| Ok(DeviceImage::from_gpu(image)?)).collect()
             }
         };
-        let (images, connected) =
-            self.images(lights, split, haste, (compute, monitor), work, DeviceImage::Cpu)?;
+        let (images, connected) = self.images(lights, haste, (compute, monitor), work, DeviceImage::Cpu)?;
         let mut parts: Vec<UnitParts> = images.into_iter().map(UnitParts::from).collect();
         for (light, image) in connected {
             parts[light].connected = Some(image);
@@ -147,28 +166,17 @@ impl DeviceGather {
     fn images<R>(
         &self,
         lights: &[Light],
-        split: SampleSplit,
         haste: Haste<'_>,
-        (compute, monitor): (&Compute, &Monitor),
+        devices: (&Compute, &Monitor),
         on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
         of_cpu: impl Fn(Image) -> R,
     ) -> Result<(Vec<R>, NumberedImages), SessionError> {
-        let connections = self.connections.as_ref().filter(|_| split == SampleSplit::All);
-        let crossed = match connections {
+        let crossed = match &self.connections {
             Some((connections, _)) => connections.crossed(&self.gather, lights)?,
             None => self.gather.prepare_all(lights)?,
         };
-        let work = |gather: &GpuGather| on_gpu(gather, &crossed);
-        let images = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
-        if images.is_some() && self.may_sort.load(Ordering::Relaxed) {
-            self.sorting.relit(|| self.on_gpu.get());
-        }
-        let on_cpu = || {
-            let (gather, split) = self.gather.split(split);
-            gather.unit_images(&crossed, split).into_iter().map(of_cpu).collect()
-        };
-        let images = images.unwrap_or_else(on_cpu);
-        let Some((connections, levels)) = connections else { return Ok((images, Vec::new())) };
+        let images = self.sums(&crossed, SampleSplit::All, devices, on_gpu, of_cpu)?;
+        let Some((connections, levels)) = &self.connections else { return Ok((images, Vec::new())) };
         let emitters = connections.emitters(lights)?;
         let diffuse = match haste {
             Haste::Drag => Some(connections.coarse_images(&self.gather, lights, &emitters)),
@@ -200,6 +208,27 @@ impl DeviceGather {
             }
         }
         Ok(parts)
+    }
+
+    /// Sums over crossings, as the GPU or the CPU gives them.
+    fn sums<R>(
+        &self,
+        crossed: &[PreparedLight],
+        split: SampleSplit,
+        (compute, monitor): (&Compute, &Monitor),
+        on_gpu: impl Fn(&GpuGather, &[PreparedLight]) -> Result<Vec<R>, GatherError>,
+        of_cpu: impl Fn(Image) -> R,
+    ) -> Result<Vec<R>, SessionError> {
+        let work = |gather: &GpuGather| on_gpu(gather, crossed);
+        let images = self.on_gpu.attempt(compute, monitor, |gpu| self.put_on(gpu), work)?;
+        if images.is_some() && self.may_sort.load(Ordering::Relaxed) {
+            self.sorting.relit(|| self.on_gpu.get());
+        }
+        let on_cpu = || {
+            let (gather, split) = self.gather.split(split);
+            gather.unit_images(crossed, split).into_iter().map(of_cpu).collect()
+        };
+        Ok(images.unwrap_or_else(on_cpu))
     }
 
     /// Connected light of lights that are, by their number, from so many levels as far as they are there.

@@ -1,5 +1,6 @@
 //! Devices that work runs on: CPU threads, or a GPU with the CPU to fall back on.
 
+pub(crate) mod blocks;
 pub(crate) mod compute;
 pub(crate) mod connections;
 pub(crate) mod gather;

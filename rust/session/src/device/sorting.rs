@@ -75,7 +75,6 @@ mod tests {
     use glam::Vec3;
     use relume_dump::Dump;
     use relume_gather::Gather;
-    use relume_gather::SampleSplit;
     use relume_gpu::GpuChoice;
     use relume_scene::{Light, LightShape};
 
@@ -89,10 +88,7 @@ mod tests {
         let light = Light::unit(LightShape::Sphere { center: Vec3::new(0.3, 0.2, 0.4), radius: 0.05 });
         let lights = [light];
         let relight = |gather: &DeviceGather, compute: &Compute| {
-            gather
-                .unit_images(&lights, SampleSplit::All, compute, &Monitor::default())
-                .expect("a picture")
-                .remove(0)
+            gather.unit_images(&lights, compute, &Monitor::default()).expect("a picture").remove(0)
         };
         let [sorted, unsorted] = [true, false].map(|allowed| {
             let gather = DeviceGather::new(Gather::new(dump()));

@@ -26,7 +26,7 @@ use crate::relight::statics::StaticLayer;
 use crate::relight::units::{GROUP, UnitCache, UnitImages};
 use lobes::KeptLobes;
 use relume_dump::{Aovs, Dump, Manifest};
-use relume_gather::{Environment, Gather, SampleSplit};
+use relume_gather::{Environment, Gather};
 use relume_image::{Image, ViewTransform};
 use relume_proxy::{GpuProxy, LightKind};
 use relume_scene::{Camera, Light, Scene, Texture, World};
@@ -406,7 +406,7 @@ impl Relighter {
     ) -> Result<Vec<Image>, SessionError> {
         let denoise = denoise.then_some(&self.denoise);
         let mut images = Vec::with_capacity(lights.len());
-        for (light, image) in lights.iter().zip(self.gather_images(lights, SampleSplit::All, monitor)?) {
+        for (light, image) in lights.iter().zip(self.gather_images(lights, monitor)?) {
             let mut gathered = Gathered::default();
             gathered.add(DeviceImage::Cpu(image).into(), self.samples())?;
             images.push(gathered.final_image(denoise)?);
@@ -443,7 +443,7 @@ impl Relighter {
             return Ok(vec![None; lights.len()]);
         }
         let views: Vec<Light> = seen().map(camera_only).collect();
-        let mut views = self.gather_images(&views, SampleSplit::All, monitor)?.into_iter();
+        let mut views = self.gather_images(&views, monitor)?.into_iter();
         let view = |light: &&Light| if light.lobes.camera != 0.0 { views.next() } else { None };
         Ok(lights.iter().map(view).collect())
     }
@@ -487,11 +487,10 @@ impl Relighter {
     pub(crate) fn gather_images(
         &self,
         lights: &[Light],
-        split: SampleSplit,
         monitor: &Monitor,
     ) -> Result<Vec<Image>, SessionError> {
         match &self.gather {
-            Some(gather) => gather.unit_images(lights, split, &self.compute, monitor),
+            Some(gather) => gather.unit_images(lights, &self.compute, monitor),
             None => Ok(Vec::new()),
         }
     }

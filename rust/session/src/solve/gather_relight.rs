@@ -1,7 +1,7 @@
 //! The smoothed gather as the optimiser sees it.
 
-use relume_dump::Aovs;
-use relume_gather::{DenoiseQuality, Gather, SampleSplit, SoftGather, relight};
+use relume_dump::{Aovs, Manifest};
+use relume_gather::{DenoiseQuality, Gather, GatherError, PreparedLight, SampleSplit, SoftGather, relight};
 use relume_image::Image;
 use relume_optimise::{Compare, Goal, Linear, LossGradient, PictureCells, Relight, RelightError, TermTarget};
 use relume_scene::{LANES, Light};
@@ -9,6 +9,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::scene_view::UnitPictures;
 use super::step_targets::step_targets;
+use crate::device::blocks::BlockVertices;
+use crate::device::connections::Connections;
 use crate::device::gather::DeviceGather;
 use crate::device::layers::DeviceLayers;
 use crate::error::SessionError;
@@ -31,11 +33,35 @@ pub(super) struct SolveDump {
     /// The first passes: much softened lights are crossed by so many paths that few of them are enough.
     few: [(f32, DeviceGather); 2],
     denoise: Denoise,
+    connected: Option<ConnectedBlocks>,
     /// Pixels along the edge of the squares that are averaged to one.
     shrink: usize,
     /// Width and height of the averaged picture.
     size: (usize, usize),
     cell: usize,
+}
+
+/// Vertices that lights are connected to, where the scene is at hand: of each pixel of the averaged picture, and of each cell.
+struct ConnectedBlocks {
+    pixels: BlockVertices,
+    cells: BlockVertices,
+}
+
+/// Most paths of the vertices for pictures; but two of each pixel are there.
+const PATHS_OF_PICTURE: usize = 1 << 19;
+/// Square root of the paths of the vertices of each cell, for either half.
+const SIDE_OF_CELL: usize = 4;
+
+impl ConnectedBlocks {
+    fn new(connections: &Arc<Connections>, shrink: usize, cell: usize, monitor: &Monitor) -> Option<Self> {
+        let Manifest { width, height, .. } = connections.manifest();
+        let pixels = width.div_ceil(shrink) * height.div_ceil(shrink);
+        let fits = |side: &usize| 2 * side * side * pixels <= PATHS_OF_PICTURE;
+        let side = [4, 2].into_iter().find(fits).unwrap_or(1);
+        let stop = || monitor.cancelled();
+        let pixels = BlockVertices::new(connections, shrink, side, &stop)?;
+        Some(Self { pixels, cells: BlockVertices::new(connections, cell, SIDE_OF_CELL, &stop)? })
+    }
 }
 
 /// Softness from which so many paths per pixel are enough.
@@ -66,7 +92,10 @@ impl SolveDump {
             ENOUGH.map(|(softness, samples)| (softness, DeviceGather::new(first_passes(gather, samples))));
         let denoise = Denoise::new(&features, relighter.compute().gpu.as_deref());
         denoise.missing().iter().for_each(|reason| monitor.warn(reason));
-        Some(Self { few, denoise, shrink, size, cell: cell / shrink })
+        let connections = relighter.device_gather()?.connections();
+        let connected =
+            connections.and_then(|connections| ConnectedBlocks::new(connections, shrink, cell, monitor));
+        Some(Self { few, denoise, connected, shrink, size, cell: cell / shrink })
     }
 
     /// Factor by which pictures are smaller along each edge.
@@ -95,8 +124,11 @@ impl SolveDump {
             if monitor.cancelled() {
                 return Err(SessionError::Cancelled);
             }
-            let gathered = relighter.gather_images(some, SampleSplit::All, monitor)?;
-            units.extend(gathered.iter().map(|unit| unit.shrunk(self.shrink)));
+            let [mut gathered] = self.crossed(relighter, some, [SampleSplit::All], monitor)?;
+            for (light, halves) in self.connected(some)? {
+                halves.iter().for_each(|half| gathered[light].add_scaled(half, &[0.5; 3]));
+            }
+            units.append(&mut gathered);
             stage.advance(some.len() as u64, "");
         }
         let exact: Vec<Arc<Image>> = units.iter().cloned().map(Arc::new).collect();
@@ -106,6 +138,35 @@ impl SolveDump {
             .zip(exact)
             .map(|(clean, exact)| UnitPictures { clean: Arc::new(clean), exact })
             .collect())
+    }
+
+    /// Pictures of lights for radiance 1 by the crossings of each of some shares of the paths, without what is connected.
+    fn crossed<const SHARES: usize>(
+        &self,
+        relighter: &Relighter,
+        lights: &[Light],
+        shares: [SampleSplit; SHARES],
+        monitor: &Monitor,
+    ) -> Result<[Vec<Image>; SHARES], SessionError> {
+        let Some(gather) = relighter.device_gather() else { return Ok([const { Vec::new() }; SHARES]) };
+        let blocks = self.connected.as_ref().map(|connected| &connected.pixels);
+        let prepared = prepared(gather.gather(), blocks, lights)?;
+        let mut pictures = [const { Vec::new() }; SHARES];
+        for (share, pictures) in shares.into_iter().zip(&mut pictures) {
+            let images = gather.crossed_images(&prepared, share, relighter.compute(), monitor)?;
+            pictures.extend(images.iter().map(|image| image.shrunk(self.shrink)));
+        }
+        Ok(pictures)
+    }
+
+    /// What is connected of lights for radiance 1, by their number: two pictures of other paths each.
+    fn connected(&self, lights: &[Light]) -> Result<Vec<(usize, [Image; 2])>, SessionError> {
+        let Some(ConnectedBlocks { pixels, .. }) = &self.connected else { return Ok(Vec::new()) };
+        let (width, height) = self.size;
+        let image = |data: Vec<[f32; 3]>| Image { width, height, channels: 3, data: data.into_flattened() };
+        let all: Vec<u32> = (0..(width * height) as u32).collect();
+        let halves = pixels.halves(lights, &all)?;
+        Ok(halves.into_iter().map(|(light, halves)| (light, halves.map(image))).collect())
     }
 
     /// Means of cells of a noisy picture, denoised first. At the best quality a polish would take up to twice as long,
@@ -120,6 +181,15 @@ impl SolveDump {
     fn cells(&self, image: &Image) -> Vec<[f32; 3]> {
         image.shrunk(self.cell).data.as_chunks::<3>().0.to_vec()
     }
+}
+
+/// Lights made ready for a gather, without what is connected to vertices.
+fn prepared(
+    gather: &Gather,
+    vertices: Option<&BlockVertices>,
+    lights: &[Light],
+) -> Result<Vec<PreparedLight>, GatherError> {
+    vertices.map_or_else(|| gather.prepare_all(lights), |vertices| vertices.crossed(gather, lights))
 }
 
 /// Pixels along the edge of the cells of a picture of so many.
@@ -195,11 +265,15 @@ impl<'a> GatherRelight<'a> {
         // Not under the lock: threads that wait for parts of a gather take up other lights meanwhile.
         for some in new.chunks(at_once(self.relighter)) {
             self.go_on()?;
-            let [first, second] =
-                self.halves.map(|half| self.relighter.gather_images(some, half, self.monitor));
-            let halves = first?.into_iter().zip(second?);
-            gathered
-                .extend(halves.map(|(a, b)| Arc::new([a, b].map(|unit| unit.shrunk(self.prepared.shrink)))));
+            let [first, second] = self.prepared.crossed(self.relighter, some, self.halves, self.monitor)?;
+            let mut halves: Vec<[Image; 2]> = first.into_iter().zip(second).map(<[Image; 2]>::from).collect();
+            for (light, connected) in self.prepared.connected(some)? {
+                halves[light]
+                    .iter_mut()
+                    .zip(&connected)
+                    .for_each(|(half, of)| half.add_scaled(of, &[1.0; 3]));
+            }
+            gathered.extend(halves.into_iter().map(Arc::new));
         }
         let mut gathered = gathered.into_iter();
         Ok(known.into_iter().filter_map(|known| known.or_else(|| gathered.next())).collect())
@@ -217,16 +291,51 @@ impl<'a> GatherRelight<'a> {
         Ok(units)
     }
 
-    /// Values of some lights by either half of the paths, gathered on the CPU at some cells only.
+    /// Values of some lights by either half of the paths at some cells, outside of which the CPU sums nothing.
     fn exact_halves(
         &self,
         lights: &[&Light],
         cells: &[u32],
     ) -> Result<Vec<[Vec<[f32; 3]>; 2]>, SessionError> {
         let lights: Vec<Light> = lights.iter().map(|light| key(light)).collect();
-        self.go_on()?;
-        let [first, second] = self.halves.map(|half| self.soft.1.exact(&lights, half, cells));
-        Ok(first?.into_iter().zip(second?).map(|(a, b)| [a, b]).collect())
+        let SoftDump(gather, soft) = &self.soft;
+        let vertices = self.prepared.connected.as_ref().map(|connected| &connected.cells);
+        let mut values = Vec::with_capacity(lights.len());
+        for some in lights.chunks(at_once(self.relighter)) {
+            self.go_on()?;
+            let crossed = prepared(gather.gather(), vertices, some)?;
+            let [first, second] = self.halves.map(|half| self.crossed_cells(soft, &crossed, half, cells));
+            let first_value = values.len();
+            values.extend(first?.into_iter().zip(second?).map(<[Vec<[f32; 3]>; 2]>::from));
+            let Some(vertices) = vertices else { continue };
+            for (light, connected) in vertices.halves(some, cells)? {
+                let sums = values[first_value + light].iter_mut().flatten();
+                for (sum, value) in sums.zip(connected.iter().flatten()) {
+                    sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += value);
+                }
+            }
+        }
+        Ok(values)
+    }
+
+    /// Sums of lights over the crossings of some of the paths at some cells.
+    fn crossed_cells(
+        &self,
+        soft: &SoftGather,
+        crossed: &[PreparedLight],
+        half: SampleSplit,
+        cells: &[u32],
+    ) -> Result<Vec<Vec<[f32; 3]>>, SessionError> {
+        let compute = self.relighter.compute();
+        if compute.gpu.is_none() {
+            return Ok(soft.exact(crossed, half, cells)?);
+        }
+        let images = self.soft.0.crossed_images(crossed, half, compute, self.monitor)?;
+        let at_cells = |image: &Image| {
+            let whole = self.prepared.cells(&image.shrunk(self.prepared.shrink));
+            cells.iter().map(|cell| whole[*cell as usize]).collect()
+        };
+        Ok(images.iter().map(at_cells).collect())
     }
 
     fn halves_of_cells(&self, units: &HalfUnits) -> [Vec<[f32; 3]>; 2] {
@@ -276,11 +385,7 @@ impl Relight for GatherRelight<'_> {
     }
 
     fn half_values(&self, lights: &[&Light], cells: &[u32]) -> Result<Vec<[Vec<[f32; 3]>; 2]>, RelightError> {
-        if self.relighter.compute().gpu.is_none() {
-            return Ok(self.exact_halves(lights, cells)?);
-        }
-        let at = |whole: Vec<[f32; 3]>| cells.iter().map(|cell| whole[*cell as usize]).collect();
-        Ok(self.half_units(lights)?.iter().map(|units| self.halves_of_cells(units).map(at)).collect())
+        Ok(self.exact_halves(lights, cells)?)
     }
 
     fn pull_back(

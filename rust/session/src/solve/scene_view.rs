@@ -22,6 +22,8 @@ pub(crate) struct SceneView<'a> {
     still: Vec<Option<Arc<Image>>>,
     /// Present picture.
     pub(super) before: ViewPictures,
+    /// True if all lights that move are connected, so that their clean pictures are right.
+    pub(super) is_connected: bool,
 }
 
 /// A light's picture for radiance 1.
@@ -164,7 +166,9 @@ impl<'a> SceneView<'a> {
             VariablePicture::Held => units.next().map(|unit| unit.clean),
         });
         let still = still.collect();
-        let mut view = Self { relighter, source, goals, base, still, before: ViewPictures::default() };
+        let is_connected = unknowns.moving().all(|light| relighter.connects(light));
+        let before = ViewPictures::default();
+        let mut view = Self { relighter, source, goals, base, still, before, is_connected };
         let lights: Vec<Light> = unknowns.variables.iter().map(|variable| variable.light.clone()).collect();
         view.before = view.picture(&lights, monitor)?;
         Ok(view)

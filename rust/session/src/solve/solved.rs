@@ -1,4 +1,4 @@
-use relume_optimise::{Goal, Report, Worst, conflicts, report};
+use relume_optimise::{Criterion, Goal, Report, Worst, conflicts, report};
 use relume_scene::{BlenderLight, BlenderLightKind, Light};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -236,13 +236,17 @@ pub(super) fn reports<'a>(
     after: &'a ViewPictures,
 ) -> impl Iterator<Item = (usize, Report)> + use<'a> {
     let goals = numbers(request, view).into_iter().zip(&scene.goals);
-    goals.map(|(number, goal)| (number, goal_report(goal, &scene.before, after)))
+    goals.map(|(number, goal)| (number, goal_report(goal, scene, after)))
 }
 
-/// Report of a goal, by the picture without noise or the noisy one, whichever is worse.
-fn goal_report(goal: &Goal, before: &ViewPictures, after: &ViewPictures) -> Report {
-    let clean = report(goal, &before.clean, &after.clean);
-    clean.or_worse(report(goal, &before.exact, &after.exact))
+/// Report of a goal, by the picture without noise or the noisy one, whichever is worse. Noise is no difference from a target
+/// where the former is right.
+fn goal_report(goal: &Goal, scene: &SceneView, after: &ViewPictures) -> Report {
+    let clean = report(goal, &scene.before.clean, &after.clean);
+    if scene.is_connected && matches!(goal.criterion, Criterion::Target { .. }) {
+        return clean;
+    }
+    clean.or_worse(report(goal, &scene.before.exact, &after.exact))
 }
 
 fn in_words(request: &SolveRequest, (number, report): (usize, Report)) -> GoalReport {

@@ -18,7 +18,7 @@ use relume_session::proxy::LightKind;
 use relume_session::scene::{Camera, Light, LightShape, Scene};
 use relume_session::trace::TraceSettings;
 use relume_session::{Monitor, Relighter, Solved, bake};
-use room::{baked, inside, key, light, picture, room, solve, target_request, traced};
+use room::{baked, connected, inside, key, light, picture, room, solve, target_request, traced};
 use serde_json::{Value, json};
 
 #[test]
@@ -210,6 +210,11 @@ fn a_light_that_paths_hardly_meet_is_named_and_solved_on_with_paths_that_look_fo
     // What was said of it was noise, and is its picture now.
     let decibels = |solved: &Solved| solved.report[0].report.reached;
     assert!(decibels(&first) < 25.0 && decibels(&second) > 35.0, "{:?} {:?}", first.report, second.report);
+    // Connected, it is met by every path.
+    let third = solved(&connected(&folder.path().join("now")), json!({"lights": [small(0.3)]}));
+    let miss = third.lights.lights[0].shape.center().unwrap().distance(small(0.5).shape.center().unwrap());
+    assert!(third.under_sampled.is_empty() && miss < 0.02, "{miss} {:?}", third.report);
+    assert!(decibels(&third) > 35.0, "{:?}", third.report);
     let sun = light("Key", LightShape::Sun { direction: Vec3::Z, half_angle: 0.1 }, [1.0; 3]);
     let other = solve(&[&now], &request(json!({"lights": [sun]})), &[("target", &target)]);
     assert!(other.unwrap_err().to_string().contains("light 'Key' is of another type"));

@@ -81,7 +81,14 @@ fn made_once(name: &str, scene: &Scene, settings: &TraceSettings) -> Relighter {
         bake(scene, settings, &folder, false, &Monitor::default()).unwrap();
         made.push(name.into());
     }
-    Relighter::open(&folder).unwrap()
+    connected(&folder)
+}
+
+/// A bake whose lights are connected in its scene.
+pub fn connected(folder: &Path) -> Relighter {
+    let mut relighter = Relighter::open(folder).unwrap();
+    relighter.connect_stored(&Monitor::default());
+    relighter
 }
 
 pub fn light(name: &str, shape: LightShape, radiance: [f32; 3]) -> Light {

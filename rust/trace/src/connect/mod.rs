@@ -8,7 +8,7 @@
 mod vertex;
 
 use glam::Vec3;
-use relume_dump::{AovSample, Pass, Segment, TileRect};
+use relume_dump::{AovSample, Pass, Segment};
 
 pub use self::vertex::PathVertex;
 use crate::{
@@ -29,16 +29,16 @@ pub struct VertexLimits {
     pub later: usize,
 }
 
-/// Vertices of the paths of a tile.
+/// Vertices of the paths of some pixels.
 #[derive(Debug, Default)]
-pub struct TileVertices {
+pub struct PixelVertices {
     /// First vertex of each pixel, then the number of vertices.
     offsets: Vec<usize>,
     vertices: Vec<PathVertex>,
 }
 
-impl TileVertices {
-    /// Vertices of a pixel, counted row by row. Their light adds up to the sum over the pixel's paths.
+impl PixelVertices {
+    /// Vertices of a pixel, by its number among the others. Their light adds up to the sum over the pixel's paths.
     pub fn pixel(&self, pixel: usize) -> &[PathVertex] {
         &self.vertices[self.offsets[pixel]..self.offsets[pixel + 1]]
     }
@@ -64,25 +64,23 @@ impl Tracer<'_> {
         self.integrator.media.is_none() && !self.integrator.catches
     }
 
-    /// Vertices of the paths of a tile.
+    /// Vertices of the paths of some pixels.
     pub fn path_vertices(
         &self,
-        rect: TileRect,
+        pixels: impl IntoIterator<Item = (usize, usize)>,
         pass: Pass,
         limits: VertexLimits,
         scratch: &mut PathScratch,
-    ) -> TileVertices {
-        let mut kept = TileVertices::default();
+    ) -> PixelVertices {
+        let mut kept = PixelVertices::default();
         let mut met = MetVertices::default();
-        for y in rect.y..rect.y + rect.height {
-            for x in rect.x..rect.x + rect.width {
-                kept.offsets.push(kept.vertices.len());
-                self.trace_guided((x, y), pass, None, scratch, &mut met);
-                let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
-                let [first, later, ..] = sampler.draw(pass.first_sample, CHOICE_GROUP);
-                choose(&mut met.first, limits.first, first, &mut kept.vertices);
-                choose(&mut met.later, limits.later, later, &mut kept.vertices);
-            }
+        for (x, y) in pixels {
+            kept.offsets.push(kept.vertices.len());
+            self.trace_guided((x, y), pass, None, scratch, &mut met);
+            let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
+            let [first, later, ..] = sampler.draw(pass.first_sample, CHOICE_GROUP);
+            choose(&mut met.first, limits.first, first, &mut kept.vertices);
+            choose(&mut met.later, limits.later, later, &mut kept.vertices);
         }
         kept.offsets.push(kept.vertices.len());
         kept

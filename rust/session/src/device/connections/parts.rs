@@ -21,14 +21,20 @@ impl Connections {
         let mut sums = vec![Image::new(self.manifest.width, self.manifest.height, 3); LobePart::ALL.len()];
         let levels = &self.levels[..self.ready().min(levels)];
         let paths: u32 = levels.iter().map(|level| level.pass.samples).sum();
-        let tracer = self.tracer.borrow_dependent();
+        let tracer = self.tracer();
         for level in levels {
-            let images =
-                self.summed(gather, level, LobePart::ALL.len(), 1, stop, |vertex, u, scratch, pixel| {
-                    for (part, value) in connect_parts(tracer, vertex, light, u, scratch) {
+            let images = self.summed(
+                gather,
+                level,
+                LobePart::ALL.len(),
+                1,
+                stop,
+                |vertex, numbers, scratch, pixel| {
+                    for (part, value) in connect_parts(tracer, vertex, light, numbers, scratch) {
                         pixel.add(part as usize, value);
                     }
-                })?;
+                },
+            )?;
             let share = level.pass.samples as f32 / paths as f32;
             sums.iter_mut().zip(&images).for_each(|(sum, image)| sum.add_scaled(image, &[share; 3]));
         }

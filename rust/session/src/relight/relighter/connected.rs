@@ -28,8 +28,6 @@ impl Relighter {
         let Some(gather) = &mut self.gather else { return Ok(()) };
         let manifest = gather.gather().dump().manifest().clone();
         if let Some(connections) = Connections::new(scene, &manifest, None, 1)? {
-            let mut levels = 0..manifest.passes.len();
-            while levels.next().is_some() && connections.prepare_next(&|| false) {}
             gather.connect(&Arc::new(connections), manifest.passes.len());
             self.units = Mutex::default();
         }
@@ -65,7 +63,7 @@ impl Relighter {
     }
 
     /// True if a light is connected.
-    pub(super) fn connects(&self, light: &Light) -> bool {
+    pub(crate) fn connects(&self, light: &Light) -> bool {
         self.gather.as_ref().is_some_and(|gather| gather.connects(light))
     }
 }

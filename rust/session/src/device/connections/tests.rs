@@ -1,0 +1,94 @@
+use super::*;
+use crate::test_box::{bulbs, closed_box_of, glossy_grey, grey};
+use relume_dump::MemoryWriter;
+use relume_gather::SampleSplit;
+use relume_scene::LightShape;
+use relume_trace::Control;
+
+#[test]
+fn connected_light_has_the_mean_of_crossings_and_less_noise() {
+    for nodes in [vec![grey()], glossy_grey(0.6)] {
+        compare_with_crossings(closed_box_of((24, 24), nodes).unwrap());
+    }
+}
+
+#[test]
+fn vertices_of_twelve_large_shots_stay_within_the_memory_of_one_but_for_their_first_level() {
+    let paths = [1, 1, 2, 4, 8, 16];
+    // Three vertices of 64 bytes for each pixel and path.
+    let first = |width: usize, height: usize| 192 * width * height;
+    let kept = |bytes, shots| levels_within(VERTEX_MEMORY / shots, bytes, paths.into_iter());
+    assert_eq!(kept(first(640, 360), 1), 5, "16 paths are 0.7 GB");
+    assert_eq!(kept(first(3840, 2160), 1), 1, "even one is more");
+    for (width, height) in [(640, 360), (960, 540), (1920, 1080), (3840, 2160)] {
+        let bytes = first(width, height);
+        for shots in 1..=12 {
+            let of_one = paths[..kept(bytes, shots)].iter().sum::<u32>() as usize * bytes;
+            assert!(of_one <= bytes.max(VERTEX_MEMORY / shots), "{shots} shots, {width} x {height}");
+        }
+    }
+}
+
+#[test]
+fn preparing_goes_on_where_it_was_stopped() {
+    let scene = Arc::new(closed_box_of((24, 24), vec![grey()]).unwrap());
+    let settings = TraceSettings { samples: 2, tile_size: 8, ..TraceSettings::default() };
+    let manifest = Tracer::new(&scene, &settings).unwrap().manifest();
+    let connections = Connections::new(scene, &manifest, None, 1).unwrap().unwrap();
+    let traced = || connections.levels[0].kept.iter().filter(|tile| tile.get().is_some()).count();
+    let asked = AtomicUsize::new(0);
+    assert!(!connections.prepare_next(&|| asked.fetch_add(1, Ordering::Relaxed) >= 4));
+    assert_eq!((traced(), connections.ready()), (4, 0));
+    let asked = AtomicUsize::new(0);
+    assert!(connections.prepare_next(&|| {
+        asked.fetch_add(1, Ordering::Relaxed);
+        false
+    }));
+    assert_eq!((traced(), connections.ready()), (9, 1));
+    assert!(!connections.is_prepared());
+    while connections.prepare_next(&|| false) {}
+    assert!(connections.is_prepared());
+}
+
+fn compare_with_crossings(scene: Scene) {
+    let scene = Arc::new(scene);
+    let settings = TraceSettings { samples: 1024, ..TraceSettings::default() };
+    let tracer = Tracer::new(&scene, &settings).unwrap();
+    let writer = MemoryWriter::new(tracer.manifest()).unwrap();
+    tracer.trace(&writer, &Control::default()).unwrap();
+    let gather = Gather::new(writer.snapshot());
+    // As many paths as are connected.
+    let few = Gather::new(gather.dump().passes(0..6));
+    let connections = Connections::new(scene.clone(), gather.dump().manifest(), None, 1).unwrap().unwrap();
+    while connections.prepare_next(&|| false) {}
+    let mut lights = bulbs(3);
+    let panel = |edge: f32| LightShape::Quad {
+        center: Vec3::new(0.2, 0.1, 0.9),
+        edge_u: Vec3::Y * edge,
+        edge_v: Vec3::X * edge,
+        spread: std::f32::consts::PI,
+    };
+    let large = [panel(0.1), panel(1.2), LightShape::Sphere { center: Vec3::splat(0.7), radius: 0.6 }];
+    lights.extend(large.map(Light::unit));
+    let emitters = connections.emitters(&lights).unwrap();
+    let joined = connections.images(&gather, &lights, &emitters, usize::MAX, &|| false).unwrap();
+    let rest = gather.unit_images(&connections.crossed(&gather, &lights).unwrap(), SampleSplit::All);
+    for ((light, mut image), (_, joined)) in lights.iter().zip(rest).zip(joined) {
+        image.add_scaled(&joined.image, &[1.0; 3]);
+        let crossed = &gather.unit_images(&[gather.prepare(light).unwrap()], SampleSplit::All)[0];
+        let differences: Vec<f64> =
+            crossed.data.iter().zip(&image.data).map(|(a, b)| f64::from(a - b)).collect();
+        let count = differences.len() as f64;
+        let mean = differences.iter().sum::<f64>() / count;
+        let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
+        // Channels of a grey box are all alike.
+        let standard_error = (3.0 * variance / count).sqrt();
+        assert!(mean.abs() < 4.0 * standard_error, "{mean} +- {standard_error}");
+        let noise = |image: &Image| {
+            let rough = image.data.chunks_exact(3).zip(image.data[3..].chunks_exact(3));
+            rough.map(|(a, b)| f64::from(a[0] - b[0]).powi(2)).sum::<f64>()
+        };
+        let few = &few.unit_images(&[few.prepare(light).unwrap()], SampleSplit::All)[0];
+        assert!(noise(&image) < 0.3 * noise(few), "{} {}", noise(&image), noise(few));
+    }
+}
