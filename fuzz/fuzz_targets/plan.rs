@@ -3,8 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use relume_session::Monitor;
-use relume_session::farm::{PLAN_FILE, Plan, collect, work};
+use relume_session::{Monitor, PLAN_FILE, Plan, collect, work};
 use std::fs;
 use std::path::Path;
 use tempfile::TempDir;

@@ -16,6 +16,7 @@ static BAKE: LazyLock<Relighter> = LazyLock::new(|| {
 
 fuzz_target!(|text: &str| {
     drop(LiveRequest::parse(text));
+    drop(LiveRequest::parse_for(text, "Wide"));
     let Ok(mut request) = SolveRequest::parse(text) else { return };
     // Requests may rightly take long, so their options are cut.
     let options = &mut request.options;
