@@ -30,8 +30,16 @@ lights, PSNR in dB after Reinhard's curve. Seconds are those of one light's sum 
 already, on {cores} shared cores.
 
 {table}
+
+## Proxies
+
+Made by `scripts/bench/proxies.py`. *Crossings* are the denoised sum of the bake that the proxy learned from, 64 paths.
+Seconds of training are those of each thread's processor. Means are over unseen lights of all sizes that were learned.
+
+{proxies}
 """
 PICTURES = ["crossings", "denoised", "connection", "denoised", "reference's own"]
+PROXY_HEAD = ["scene", "light", "network", "s of training", "proxy", "SMAPE", "crossings", "SMAPE", "MB of its file"]
 HEAD = ["scene", "radius", "paths", *PICTURES, "s by crossings", "s by connection"]
 
 
@@ -57,6 +65,8 @@ def measured(scene, args, more):
 
 def page(records):
     """The page of kept records."""
+    trainings = [record for record in records if "train_seconds" in record]
+    records = [record for record in records if "train_seconds" not in record]
     groups = {}
     for record in records:
         groups.setdefault((record["scene"], record["light_size"], record["samples"]), []).append(record)
@@ -76,17 +86,47 @@ def page(records):
         own = f"{mean(group, 'reference_psnr'):.1f}"
         lines.append([f"{scene}, {group[0]['width']} wide", f"{size:.1%}", str(samples), *psnr, own, *seconds])
     reference = max(record["reference_samples"] for record in records)
-    return TEXT.format(reference=reference, cores=records[0]["device"].split()[1], table=rows(HEAD, lines))
+    return TEXT.format(
+        reference=reference,
+        cores=records[0]["device"].split()[1],
+        table=rows(HEAD, lines),
+        proxies=proxies_table(trainings),
+    )
+
+
+def proxies_table(records):
+    """The table of trainings, by the records of `scripts/bench/proxies.py`."""
+    lines = []
+    by_training = {}
+    for record in records:
+        key = (record["scene"], record["light_type"], record["network"], record["train_seconds"])
+        by_training.setdefault(key, {})[record["estimator"]] = record
+    for (scene, light, network, seconds), made in sorted(by_training.items()):
+        proxy, crossings = made["proxy"], made["crossings"]
+        figures = [
+            f"{one[name]:{form}}" for one in (proxy, crossings) for name, form in (("psnr", ".1f"), ("smape", ".3f"))
+        ]
+        size = f"{proxy['proxy_bytes'] / 1e6:.2f}"
+        lines.append([f"{scene}, {proxy['width']} wide", light, network, f"{seconds:g}", *figures, size])
+    return rows(PROXY_HEAD, lines)
+
+
+def keep(new, is_replaced):
+    """Adds records to those that are kept, less the ones that they replace, and writes the page."""
+    records = [record for record in json.loads(RECORDS.read_text()) if not is_replaced(record)] + new
+    RECORDS.write_text(json.dumps(records, indent=1) + "\n")
+    RECORDS.with_suffix(".md").write_text(page(records))
 
 
 def main():
     """Measures scenes, keeps the records, writes the page."""
     args, more = parse_arguments()
-    records = json.loads(RECORDS.read_text()) if RECORDS.exists() else []
     for scene in args.scenes:
-        records = [record for record in records if record["scene"] != scene.stem] + measured(scene, args, more)
-        RECORDS.write_text(json.dumps(records, indent=1) + "\n")
-    RECORDS.with_suffix(".md").write_text(page(records))
+        keep(
+            measured(scene, args, more),
+            lambda old, name=scene.stem: old["scene"] == name and "train_seconds" not in old,
+        )
+    keep([], lambda _: False)
 
 
 if __name__ == "__main__":
