@@ -7,8 +7,8 @@ use relume_scene::Light;
 const JUDGED: usize = 4096;
 /// A light that lowers the loss by less than this share of it does nothing.
 const LEAST_USE: f64 = 0.01;
-/// Loss that nobody sees: half a step of an eight-bit picture.
-const INVISIBLE: f64 = 1.0 / (510.0 * 510.0);
+/// Loss that nobody sees, a tenth of that of half a step of an eight-bit picture: a faint light may fit noise by as much.
+const INVISIBLE: f64 = 0.1 / (510.0 * 510.0);
 
 /// Those of some lights that may go because the goals do not need them, the least needed first. `softness` is that of the
 /// comparison.
@@ -36,7 +36,7 @@ pub fn idle_lights(
         };
         let candidates = (0..lights.len()).filter(|i| may_go[*i] && !idle.contains(i)).map(without);
         let Some((number, next)) = candidates.min_by(|a, b| a.1.total_cmp(&b.1)) else { break };
-        if next > loss * (1.0 + LEAST_USE) + 0.01 * INVISIBLE {
+        if next > loss * (1.0 + LEAST_USE) + INVISIBLE {
             break;
         }
         left[number].radiance = [0.0; 3];

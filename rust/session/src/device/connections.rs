@@ -232,13 +232,15 @@ impl Connections {
         images
     }
 
-    /// Images of the first level alone, in a hurry: in blocks of two by two pixels where [`Self::images`] has made none yet.
+    /// Images of the first level alone, in a hurry: in blocks of two by two pixels where [`Self::images`] has made none yet;
+    /// nothing if `stop` ended it.
     pub fn coarse_images(
         &self,
         gather: &Gather,
         lights: &[Light],
         emitters: &[(usize, Emitter)],
-    ) -> NumberedImages {
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Option<NumberedImages> {
         let known =
             |(number, _): &(usize, Emitter)| Some((*number, self.cache().get(&lights[*number]).cloned()?));
         let known: NumberedImages = emitters.iter().filter_map(known).collect();
@@ -246,9 +248,8 @@ impl Connections {
         let (numbers, new): (Vec<usize>, Vec<&Emitter>) =
             emitters.iter().filter(is_new).map(|(number, emitter)| (*number, emitter)).unzip();
         let coarse = |image| Arc::new(ConnectedImage { levels: 0, paths: 0, image, error: Image::default() });
-        let images =
-            self.level_images(gather, &self.levels[0], &new, 2, &|| false).into_iter().flatten().map(coarse);
-        known.into_iter().chain(numbers.into_iter().zip(images)).collect()
+        let images = self.level_images(gather, &self.levels[0], &new, 2, stop)?.into_iter().map(coarse);
+        Some(known.into_iter().chain(numbers.into_iter().zip(images)).collect())
     }
 
     fn cache(&self) -> MutexGuard<'_, LightCache<Arc<ConnectedImage>>> {

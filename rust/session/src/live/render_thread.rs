@@ -1,3 +1,4 @@
+mod drag;
 mod rest;
 
 use super::board::{Seat, Stage, Turn};
@@ -23,14 +24,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// Time for which a dragged light is gathered before it is shown.
-const DRAG_BUDGET: Duration = Duration::from_millis(60);
 /// Time between pictures of one that still grows.
 const SHOW_EVERY: Duration = Duration::from_millis(400);
-/// Pictures of a drag that take longer are made at half the size, and shorter ones at full size again.
-const SLOW: Duration = Duration::from_millis(50);
-const QUICK: Duration = Duration::from_millis(12);
-
 /// Thread that renders what the work delivers under the newest request.
 pub(super) struct RenderThread {
     shared: Arc<Shared>,
@@ -53,6 +48,8 @@ pub(super) struct RenderThread {
     first_frame: bool,
     /// 1, or 2 on machines that are too slow for the full size in a drag.
     drag_scale: usize,
+    /// True unless the machine was too slow in this drag to connect lights that a proxy knows.
+    connects_in_drag: bool,
 }
 
 /// Listener that passes warnings on to the status.
@@ -86,6 +83,7 @@ impl RenderThread {
             serial: 0,
             first_frame: true,
             drag_scale: 1,
+            connects_in_drag: true,
         }
     }
 
@@ -243,48 +241,6 @@ impl RenderThread {
         outcome
     }
 
-    /// Renders one picture of a drag, as good as time allows.
-    fn render_drag(
-        &mut self,
-        request: &LiveRequest,
-        view: &BakeView,
-        terms: &[LightTerm],
-    ) -> Result<(), SessionError> {
-        let start = Instant::now();
-        let replaced = |term: &&LightTerm| {
-            let proxied =
-                request.method != Method::Gather && view.proxies.proxies().knowing(&term.light).is_some();
-            term.source == TermSource::Proxy
-                || term.source == TermSource::Gather
-                    && (proxied || self.units.get(&term.light).is_some_and(|unit| unit.gathered.has_clean()))
-        };
-        let is_needed = |number: usize, term: &LightTerm| match term.source {
-            TermSource::FirstView => self.is_waiting(request, view, &terms[number + 1], true),
-            _ => !replaced(&term),
-        };
-        let new = lights(terms, is_needed);
-        // A picture beside the one that is looked at holds that up as little as may be.
-        let is_aside = !self.seat.is_attended();
-        let own_scale = if is_aside { 2 } else { self.drag_scale };
-        let scale = request.half.map_or(own_scale, |half| if half { 2 } else { 1 });
-        let scale = if view.can_be_halved() { scale } else { 1 };
-        // What is coarse is replaced by the next pass.
-        let haste = if scale == 2 && view.passes.len() > 1 { Haste::Drag } else { Haste::NONE };
-        while self.advance(&new, view, haste)? {
-            if self.units.all_begun(&new) && (is_aside || start.elapsed() > DRAG_BUDGET) {
-                break;
-            }
-        }
-        self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
-        let took = start.elapsed();
-        if took > SLOW {
-            self.drag_scale = 2;
-        } else if took < QUICK {
-            self.drag_scale = 1;
-        }
-        Ok(())
-    }
-
     /// Renders a picture at rest, shown as it grows. At first all noise is denoised at once, then light by light: later
     /// edits of colour and strength are only sums.
     fn render_still(
@@ -293,6 +249,7 @@ impl RenderThread {
         view: &mut BakeView,
         terms: &[LightTerm],
     ) -> Result<(), SessionError> {
+        self.connects_in_drag = true;
         let gathered = self.gathered(request, view, terms);
         let full = FrameQuality { scale: 1, is_drag: false };
         let (mut last_shown, mut stage) = (Instant::now(), Stage::First);
@@ -341,10 +298,11 @@ impl RenderThread {
         })
     }
 
-    /// True if a proxy stands in for a sum that is not complete.
+    /// True if a proxy stands in for a sum that is not complete, and not connected.
     fn is_waiting(&self, request: &LiveRequest, view: &BakeView, term: &LightTerm, drag: bool) -> bool {
         let is_there = self.units.get(&term.light).is_some_and(|unit| {
-            unit.gathered.passes >= view.passes.len() || (drag && unit.gathered.has_clean())
+            let is_whole = unit.gathered.passes >= view.passes.len();
+            is_whole || unit.gathered.connected_levels().is_some() || (drag && unit.gathered.has_clean())
         });
         term.source == TermSource::Gather
             && !is_there

@@ -8,6 +8,7 @@ use crate::bake::bake;
 use crate::device::compute::Compute;
 use crate::device::gather::{DeviceGather, Haste};
 use crate::files::light_set::LightSet;
+use crate::files::names::SCENE_FILE;
 use crate::files::obj_scene::{ObjView, obj_scene};
 use crate::progress::Monitor;
 use crate::relight::frame::with_alpha;
@@ -82,6 +83,16 @@ fn settled(live: &Live, request: u64) -> Arc<Frame> {
     wait("the final frame", || {
         live.frame(0).filter(|frame| frame.shown.request == request && frame.shown.settled)
     })
+}
+
+/// The first frame of a drag that shows a light.
+fn dragged(live: &Live, light: &Light) -> Arc<Frame> {
+    let number = live.relight(LiveRequest {
+        interactive: true,
+        half: Some(false),
+        ..request(std::slice::from_ref(light))
+    });
+    wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number))
 }
 
 #[test]
@@ -261,10 +272,11 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     assert!(status.proxies["sphere"].psnr > 0.0, "{status:?}");
     let mut moved = lamp(0.25);
     moved.lobes.camera = 1.0;
-    let number = live.relight(LiveRequest { interactive: true, ..request(std::slice::from_ref(&moved)) });
-    let frame = wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number));
+    std::fs::remove_file(folder.path().join(SCENE_FILE)).unwrap();
+    let without_scene = opened(folder.path(), Device::Cpu);
+    let frame = dragged(&without_scene, &moved);
     assert_eq!(frame.shown.sources["light"], UnitSource::Proxy);
-    let summed = settled(&live, live.relight(request(&[moved])));
+    let summed = settled(&without_scene, without_scene.relight(request(&[moved])));
     let [dragged, still] =
         [&frame, &summed].map(|frame| frame.image.data.iter().copied().fold(0.0, f32::max));
     assert!(
@@ -305,6 +317,31 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
     settled(&live, live.relight(guess));
     let warnings = live.status().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("is a guess")), "{warnings:?}");
+}
+
+#[test]
+fn a_drag_shows_connected_light_in_place_of_what_a_proxy_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = live(folder.path());
+    live.relight(request(&[lamp(0.0)]));
+    live.bake(room(32, 32), settings(64), 1.0, false).unwrap();
+    state(&live, LiveState::Ready);
+    // A machine that is busy may be too slow for a while.
+    let connected = (0..200).find_map(|number: u16| {
+        settled(&live, live.relight(request(&[lamp(0.0)])));
+        let moved = lamp(0.25 + 1e-3 * f32::from(number));
+        let frame = dragged(&live, &moved);
+        (frame.shown.sources["light"] == UnitSource::GatherDenoised).then_some((moved, frame))
+    });
+    let (moved, frame) = connected.expect("a drag that is connected");
+    let by_proxy =
+        settled(&live, live.relight(LiveRequest { method: Method::Proxy, ..request(&[moved.clone()]) }));
+    let truth = settled(&live, live.relight(LiveRequest { method: Method::Gather, ..request(&[moved]) }));
+    let error = |frame: &Frame| -> f64 {
+        let values = frame.image.data.iter().zip(&truth.image.data);
+        values.map(|(found, expected)| f64::from(found - expected).powi(2)).sum()
+    };
+    assert!(error(&frame) < error(&by_proxy), "{} {}", error(&frame), error(&by_proxy));
 }
 
 #[test]
