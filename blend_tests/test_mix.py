@@ -274,7 +274,7 @@ def test_a_mix_is_made_anew_when_a_row_changes_and_not_before(scene, monkeypatch
     update()
     read, names, key = [], ["Key", "Fill"], row(scene, "Key")
     plain = rows.plain
-    monkeypatch.setattr(rows, "plain", lambda scene: read.append(1) or plain(scene))
+    monkeypatch.setattr(rows, "plain", lambda *where: read.append(1) or plain(*where))
 
     def mixed():
         found = rows.mix(scene, names)

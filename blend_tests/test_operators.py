@@ -419,6 +419,7 @@ CASES = {
     "background_cancel": (baking_beside, lambda _scene, _: background.all_jobs()[0].cancel(), {"number": 0}),
     "add_cameras": (nothing, lambda scene, _: shot_operators.take(scene, shot_list.add_cameras(scene)), {}),
     "add_from_markers": (bound, lambda scene, _: shot_operators.take(scene, shot_list.add_from_markers(scene)), {}),
+    "add_view_layers": (nothing, lambda scene, _: shot_operators.take(scene, shot_list.add_view_layers(scene)), {}),
     "add_bake": (
         nothing,
         lambda scene, folder: shot_operators.take(scene, [shot_list.add_bake(scene, folder / "moved")]),
@@ -452,7 +453,7 @@ def test_all_operators_are_compared(registered_for_all_files):
     """But for those that only a window has: what their mouse does is played there."""
     elsewhere = (  # test_start.py, test_mix.py, test_shot_baking.py, test_farm.py, test_usd_lights.py, ...
         "start reset_row unfold_warnings set_up_compositing contact_sheet save_sheet farm_write farm_collect "
-        "export_lights import_lights"
+        "export_lights import_lights only_this_shot copy_for_shot"
     )
     compared = {name.partition(" ")[0] for name in CASES} | set(elsewhere.split())
     assert set(dir(bpy.ops.relume)) - compared == OF_THE_WINDOW

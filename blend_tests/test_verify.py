@@ -62,7 +62,7 @@ def picture(scene, samples=64):
 
 def showing(frame):
     """A shot with the picture of its present lights."""
-    return SimpleNamespace(frame=frame, present_frame=frame, camera="Camera", refusal="")
+    return SimpleNamespace(frame=frame, present_frame=frame, camera="Camera", refusal="", key="")
 
 
 def wait(found, seconds=120):
