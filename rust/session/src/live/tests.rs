@@ -334,8 +334,10 @@ fn a_drag_shows_connected_light_in_place_of_what_a_proxy_says() {
         (frame.shown.sources["light"] == UnitSource::GatherDenoised).then_some((moved, frame))
     });
     let (moved, frame) = connected.expect("a drag that is connected");
-    let by_proxy =
-        settled(&live, live.relight(LiveRequest { method: Method::Proxy, ..request(&[moved.clone()]) }));
+    let by_proxy = settled(
+        &live,
+        live.relight(LiveRequest { method: Method::Proxy, ..request(std::slice::from_ref(&moved)) }),
+    );
     let truth = settled(&live, live.relight(LiveRequest { method: Method::Gather, ..request(&[moved]) }));
     let error = |frame: &Frame| -> f64 {
         let values = frame.image.data.iter().zip(&truth.image.data);
