@@ -27,7 +27,7 @@ Close to large lights both count, each by its share (`rust/gather/src/balance.rs
 The reference is the mean of two bakes of {reference} paths in all, guided towards the light, connected and denoised.
 Its own PSNR is that of one half against the other; a PSNR near it says no more than that. Figures are means over
 lights, PSNR in dB after Reinhard's curve. Seconds are those of one light's sum where paths and vertices are there
-already, on {cores} shared cores.
+already, on {cores} shared cores. coffee_maker was measured beside much other work: its seconds are too many.
 
 {table}
 
