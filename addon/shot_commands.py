@@ -84,7 +84,7 @@ class _Readings:
         for shot in wanted:
             self._by_state.setdefault(_state_of(shot), []).append(shot)
         self._kept: tuple[Any, Any, dict[str, str]] | None = None
-        """What the newest scene is of, the scene, and the descriptions of cameras that see the same."""
+        """State of the newest scene, the scene, and the descriptions of cameras that see the same."""
 
     def in_turn(self) -> list[ListedShot]:
         """All shots, those with the same scene after each other."""

@@ -19,7 +19,7 @@ from .blackbody import blackbody_color
 
 LIGHT, GROUP, WORLD, STATIC = "LIGHT", "GROUP", "WORLD", "STATIC"
 DIALS = ("on", "exposure", "multiplier", "color", "use_kelvin", "kelvin")
-"""What a row can have of its own in a single shot."""
+"""Values that a row can have of its own in a single shot."""
 NEUTRAL, SILENT = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]
 ROUNDING = 1e-6
 

@@ -1,4 +1,4 @@
-"""What in a file may be otherwise for another camera of its scene, before the scene is read at all."""
+"""Things in a file that may differ for another camera of its scene, before the scene is read at all."""
 
 from __future__ import annotations
 

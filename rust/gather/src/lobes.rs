@@ -28,11 +28,11 @@ pub enum LobePart {
     GlossyIndirect,
     /// The light through glass and other surfaces that scatter to their other side, translucent ones included.
     TransmissionDirect,
-    /// What it lights, through such surfaces.
+    /// Light of lit surfaces through such surfaces.
     TransmissionIndirect,
     /// The light, scattered in a volume.
     VolumeDirect,
-    /// What it lights, scattered in a volume.
+    /// Light of lit surfaces, scattered in a volume.
     VolumeIndirect,
 }
 

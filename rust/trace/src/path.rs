@@ -26,7 +26,7 @@ pub(crate) struct PathState {
     origin: Vec3,
     /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
     pub light_lobe: Lobe,
-    /// That class of the segment after the path's first scattering event.
+    /// Class of the segment after the path's first scattering event.
     pub first_lobe: Lobe,
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
     /// light linking works through them (Cycles' `mis_ray_object`).

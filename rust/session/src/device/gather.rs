@@ -75,7 +75,7 @@ impl DeviceGather {
         self.connections = Some((Arc::clone(connections), levels));
     }
 
-    /// What lights are connected by, if anything.
+    /// Connections of the scene, where it is at hand.
     pub fn connections(&self) -> Option<&Arc<Connections>> {
         self.connections.as_ref().map(|(connections, _)| connections)
     }

@@ -159,7 +159,7 @@ impl SolveDump {
         Ok(pictures)
     }
 
-    /// What is connected of lights for radiance 1, by their number: two pictures of other paths each.
+    /// Connected parts of lights for radiance 1, by their number: two pictures of other paths each.
     fn connected(&self, lights: &[Light]) -> Result<Vec<(usize, [Image; 2])>, SessionError> {
         let Some(ConnectedBlocks { pixels, .. }) = &self.connected else { return Ok(Vec::new()) };
         let (width, height) = self.size;
