@@ -273,7 +273,8 @@ impl Surface {
             let pdf = choice.pdf * probability;
             (closure.weight * choice.value / pdf, pdf * BsdfSample::SINGULAR_PDF)
         } else {
-            let (mut value, mut pdf) = (closure.weight * choice.value, choice.pdf * probability);
+            let mut value = closure.weight * choice.value;
+            let mut pdf = choice.pdf * probability;
             classes.add(value, closure.reflected_lobe(), choice.transmitted);
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
@@ -284,21 +285,19 @@ impl Surface {
                     pdf += part.pdf * (closure.sample_weight / total);
                 }
             }
-            (value, pdf)
+            classes.share(value);
+            (value / pdf, pdf)
         };
         // The low bits of a number that chose the direction are as good as a number of their own.
-        let (light_lobe, weight) = if choice.singular {
-            (choice.lobe, value)
-        } else {
-            let (class, part) = classes.choose(value, self.scatters_around, choice.lobe, u[0]);
-            (class, part / pdf)
-        };
-        if !(weight.is_finite() && value.max_element() > 0.0 && pdf > 0.0) {
+        let light_lobe =
+            if choice.singular { choice.lobe } else { classes.lobe(self.scatters_around, choice.lobe, u[0]) };
+        let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
+        if !is_valid {
             return None;
         }
         Some(BsdfSample {
             wi: choice.wi,
-            weight,
+            weight: value,
             pdf,
             lobe: choice.lobe,
             light_lobe,
@@ -326,7 +325,8 @@ impl Surface {
             *density = part.pdf * (closure.sample_weight / total);
         }
         let pdf: f32 = densities.iter().sum();
-        if !(value.is_finite() && value.max_element() > 0.0 && pdf > 0.0) {
+        let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
+        if !is_valid {
             return None;
         }
         let mut rest = u * pdf;
@@ -344,13 +344,13 @@ impl Surface {
             let lobe = closure.lobe_towards(wi);
             (lobe, closure.reach(self.sides, wi, lobe == Lobe::Transmission)?)
         };
-        let (light_lobe, part) = classes.choose(value, self.scatters_around, lobe, u);
+        classes.share(value);
         Some(BsdfSample {
             wi,
-            weight: part / pdf,
+            weight: value / pdf,
             pdf,
             lobe,
-            light_lobe,
+            light_lobe: classes.lobe(self.scatters_around, lobe, u),
             diffuse: closure.is_diffuse(),
             singular: false,
             alpha_squared: closure.alpha_squared(),

@@ -467,12 +467,8 @@ fn a_direction_is_told_as_sampling_tells_it() {
             // Another closure may not reach there.
             let Some(told) = told else { continue };
             assert!((told.pdf / sampled.pdf - 1.0).abs() < 1e-3, "{name}: {} for {}", told.pdf, sampled.pdf);
-            // Both are as bright, and of the colour of their class.
-            let brightness = told.weight.element_sum() / sampled.weight.element_sum();
-            assert!((brightness - 1.0).abs() < 1e-3, "{name}: {brightness}");
             let apart = (told.weight - sampled.weight).abs().max_element();
-            let is_same = told.light_lobe == sampled.light_lobe;
-            assert!(!is_same || apart < 2e-3 * sampled.weight.max_element(), "{name}: {apart}");
+            assert!(apart < 1e-3 * sampled.weight.max_element(), "{name}: {apart}");
             by_class[0][sampled.lobe as usize] += 1;
             by_class[1][told.lobe as usize] += 1;
         }
