@@ -68,7 +68,7 @@ extension: wheel
 # training that yields to all else.
 test: setup
 	@{ scripts/window/setup; scripts/setup $(BLENDERS); } >/dev/null 2>&1 &
-	@$(MAKE) --no-print-directory check-rust rust-here test-python extension-linux
+	@$(MAKE) --no-print-directory check-python check-rust rust-here test-python extension-linux
 	@printf '%s\n' rust-on-newest-driver $(BLENDERS:%=blender-%) | xargs -P 3 -I PART $(MAKE) --no-print-directory PART
 	@$(MAKE) --no-print-directory window-built AT_ONCE=3
 

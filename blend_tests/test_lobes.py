@@ -123,8 +123,9 @@ def blocks(image):
 
 
 def compare(ours, theirs, wanted, tolerance):
-    """Each part is as bright as that of Cycles by blocks, on average; those that are not wanted are black. Where a surface
-    has several lobes, each has the colour of all."""
+    """Each part is as bright as that of Cycles by blocks, on average; those that are not wanted are black.
+
+    Brightness only: where a surface has several lobes, each has the colour of all."""
     for part in LOBES:
         a, b = (blocks(picture[part]).mean(axis=-1) for picture in (ours, theirs))
         if part in wanted:
