@@ -5,7 +5,8 @@ use relume_session::{MeanQuality, Relighter, evaluate as evaluate_proxies, proxy
 /// Measures proxies against an independent bake.
 pub fn evaluate(args: &EvaluateArgs, context: &CommandContext) -> anyhow::Result<()> {
     let proxies = args.proxies.iter().map(|path| Proxy::open(path)).collect::<Result<Vec<_>, _>>()?;
-    let reference = Relighter::open(&args.reference)?;
+    let mut reference = Relighter::open(&args.reference)?;
+    reference.connect_stored(context.monitor);
     let compared = args.gather.as_deref().map(Relighter::open).transpose()?;
     let lights = (args.lights, context.seed());
     let pictures = args.pictures.as_deref();

@@ -414,7 +414,7 @@ fn fill_blocks(values: &mut [[f32; 3]], rect: TileRect, block: usize) {
 }
 
 /// Light of one point on a light at a vertex, as it adds to the pixel, by numbers in 0..1.
-fn connect(
+pub(crate) fn connect(
     tracer: &Tracer<'_>,
     vertex: &PathVertex,
     light: &Emitter,

@@ -1,5 +1,6 @@
 use crate::bake::features::pixel_features;
 use crate::device::compute::Compute;
+use crate::device::connections::Connections;
 use crate::error::SessionError;
 use crate::files::proxies::{MeanQuality, Measured};
 use crate::progress::{Monitor, Stage};
@@ -134,6 +135,8 @@ struct Measurable<'a> {
     gather: &'a Gather,
     denoise: Denoise,
     on_gpu: Option<GpuTargets>,
+    /// Connections in the scene, where that is at hand.
+    connections: Option<&'a Connections>,
 }
 
 impl<'a> Measurable<'a> {
@@ -141,11 +144,12 @@ impl<'a> Measurable<'a> {
         let gather = bake_of(bake)?;
         let denoise = Denoise::new(bake.aovs(), compute.gpu.as_deref());
         let on_gpu = compute.gpu.as_ref().map(|gpu| GpuTargets::new(gpu, gather)).transpose()?;
-        Ok(Self { gather, denoise, on_gpu })
+        Ok(Self { gather, denoise, on_gpu, connections: bake.connections() })
     }
 
     fn targets(&self, bounds: (Vec3, Vec3)) -> DumpTargets<'_> {
-        DumpTargets::new(self.gather, SampleSplit::All, bounds, &self.denoise).on(self.on_gpu.as_ref())
+        let connections = self.connections.map(|connections| (connections, usize::MAX));
+        DumpTargets::new(self.gather, SampleSplit::All, bounds, &self.denoise).on(self.on_gpu.as_ref()).with_connections(connections)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Trains a proxy on a bake.
 
+mod connected;
 pub(crate) mod measure;
 mod run;
 pub(crate) mod settings;

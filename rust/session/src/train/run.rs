@@ -9,6 +9,8 @@ use crate::files::{base_layers, contents};
 use crate::progress::{Monitor, Stage, StageProgress};
 use crate::relight::denoise::Denoise;
 use crate::relight::film::Film;
+use crate::device::connections::Connections;
+use crate::train::connected::TargetVertices;
 use crate::train::measure::measure;
 use crate::train::settings::{Clock, CurvePoint, TrainReport, TrainSettings};
 use crate::train::targets::{DumpTargets, GpuTargets};
@@ -93,6 +95,7 @@ pub(super) struct TrainBake {
     features: Arc<PixelFeatures>,
     denoise: Denoise,
     gather: Gather,
+    vertices: Option<TargetVertices>,
 }
 
 impl TrainBake {
@@ -118,7 +121,16 @@ impl TrainBake {
         base_layers::write(job.out, &aovs, &camera, &scene_hash)?;
         let features = Arc::new(pixel_features(&aovs, &camera));
         let denoise = Denoise::new(&aovs, compute.gpu.as_deref());
-        Ok(Self { scene_hash, features, denoise, gather: Gather::new(dump) })
+        let gather = Gather::new(dump);
+        let scene = job.bake.join(crate::files::names::SCENE_FILE);
+        let vertices = if scene.exists() && std::env::var("NO_CONNECT").is_err() {
+            let scene = Arc::new(crate::files::scene_file::SceneFile::read(&scene)?.scene);
+            let split = if job.settings.half_for_measuring { SampleSplit::First } else { SampleSplit::All };
+            Connections::new(scene, gather.dump().manifest(), None, 1)?
+                .and_then(|connections| TargetVertices::new(&Arc::new(connections), &gather, split, &|| false))
+        } else { None };
+        eprintln!("connected {}", vertices.is_some());
+        Ok(Self { scene_hash, features, denoise, gather, vertices })
     }
 
     /// Targets on the GPU, if there is one.
@@ -137,7 +149,8 @@ impl TrainBake {
         };
         let bounds = self.features.visible_bounds();
         let of = |split| DumpTargets::new(&self.gather, split, bounds, &self.denoise).on(on_gpu);
-        let (training, held_out) = (of(splits.0), of(splits.1));
+        let training = of(splits.0).with_vertices(self.vertices.as_ref());
+        let held_out = of(splits.1);
         TrainTargets { gather: &self.gather, on_gpu, splits, training, held_out }
     }
 }

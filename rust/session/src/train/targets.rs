@@ -1,16 +1,19 @@
 use glam::Vec3;
 use rayon::prelude::*;
 use relume_gather::{
-    DenoiseQuality, Gather, GatherError, GatherScratch, GpuGather, PreparedLight, SampleSplit,
+    DenoiseQuality, Emitter, Gather, GatherError, GatherScratch, GpuGather, PreparedLight, SampleSplit,
 };
 use relume_gpu::{Buffer, Gpu, GpuError};
 use relume_image::Image;
 use relume_proxy::{DeviceTargets, GroupQueries, PixelQueries, ProxyError, Rng, TargetSource};
 use relume_scene::{Light, LightShape};
+use relume_trace::ConnectScratch;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::device::connections::Connections;
 use crate::relight::denoise::Denoise;
+use crate::train::connected::TargetVertices;
 
 /// Targets of a training, gathered from a dump (paper, section 4.4).
 pub struct DumpTargets<'a> {
@@ -19,6 +22,10 @@ pub struct DumpTargets<'a> {
     bounds: (Vec3, Vec3),
     denoise: &'a Denoise,
     gpu: Option<&'a GpuTargets>,
+    /// Vertices that single pixels are connected by.
+    vertices: Option<&'a TargetVertices>,
+    /// Connections of whole images, and the number of their levels.
+    connections: Option<(&'a Connections, usize)>,
 }
 
 /// A dump on a GPU, for targets.
@@ -69,10 +76,31 @@ impl GpuTargets {
     }
 }
 
+/// Working memory of single pixels, one per thread.
+#[derive(Default)]
+struct PixelWork {
+    lights: Vec<PreparedLight>,
+    emitters: Vec<(u64, Option<Emitter>)>,
+    gather: GatherScratch,
+    connect: ConnectScratch,
+}
+
 impl<'a> DumpTargets<'a> {
     /// Targets from some of the paths of each pixel. `bounds` is the box of visible positions.
     pub fn new(gather: &'a Gather, split: SampleSplit, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
-        Self { gather, split, bounds, denoise, gpu: None }
+        Self { gather, split, bounds, denoise, gpu: None, vertices: None, connections: None }
+    }
+
+    /// Sets vertices that lights of single pixels are connected to from now on.
+    #[must_use]
+    pub(crate) fn with_vertices(self, vertices: Option<&'a TargetVertices>) -> Self {
+        Self { vertices, ..self }
+    }
+
+    /// Sets connections of whole images, by so many levels.
+    #[must_use]
+    pub(crate) fn with_connections(self, connections: Option<(&'a Connections, usize)>) -> Self {
+        Self { connections, ..self }
     }
 
     /// Sets a GPU that gathers, if there is one.
@@ -94,7 +122,7 @@ impl<'a> DumpTargets<'a> {
 
     /// The dump on the GPU, if single pixels are gathered there.
     fn for_pixels(&self) -> Option<&GpuTargets> {
-        self.gpu.filter(|gpu| gpu.gathers_pixels)
+        self.gpu.filter(|gpu| gpu.gathers_pixels && self.vertices.is_none())
     }
 
     /// Targets that the GPU would have gathered for these queries, with lights prepared.
@@ -139,27 +167,48 @@ impl TargetSource for DumpTargets<'_> {
     fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
         let count = queries.lights_per_pixel;
         let pixels = queries.pixels.par_iter().zip(queries.lights.par_chunks_exact(count));
-        pixels.zip(out.par_chunks_exact_mut(count)).try_for_each_init(
-            || (GatherScratch::default(), Vec::with_capacity(count)),
-            |(scratch, lights), ((pixel, shapes), values)| {
-                lights.clear();
-                for shape in shapes {
-                    lights.push(self.prepare(shape)?);
+        pixels.zip(out.par_chunks_exact_mut(count)).try_for_each_init(PixelWork::default, |work, ((pixel, shapes), values)| {
+            work.lights.clear();
+            work.emitters.clear();
+            for shape in shapes {
+                match self.vertices {
+                    None => work.lights.push(self.prepare(shape)?),
+                    Some(vertices) => {
+                        let light = Light::unit(*shape);
+                        let (light, emitter) = vertices.prepare(self.gather, &light).map_err(ProxyError::targets)?;
+                        work.lights.push(light);
+                        work.emitters.push((key(shape), emitter));
+                    }
                 }
-                let (x, y) = self.place(*pixel);
-                self.gather.pixel_into(x, y, lights, self.split, scratch, values);
-                Ok(())
-            },
-        )
+            }
+            let (x, y) = self.place(*pixel);
+            self.gather.pixel_into(x, y, &work.lights, self.split, &mut work.gather, values);
+            if let Some(vertices) = self.vertices {
+                vertices.add(self.gather.dump().locate(x, y), &work.emitters, values, &mut work.connect);
+            }
+            Ok(())
+        })
     }
 
     fn images(&self, lights: &[LightShape], denoised: bool) -> Result<Vec<Image>, ProxyError> {
-        let lights: Vec<PreparedLight> =
-            lights.iter().map(|shape| self.prepare(shape)).collect::<Result<_, _>>()?;
-        let mut images = match self.gpu {
-            Some(gpu) => gpu.gather.unit_images(&lights, self.split).map_err(ProxyError::targets)?,
-            None => self.gather.unit_images(&lights, self.split),
+        let lights: Vec<Light> = lights.iter().map(|shape| Light::unit(*shape)).collect();
+        let crossed = match self.connections {
+            Some((connections, _)) => connections.crossed(self.gather, &lights),
+            None => self.gather.prepare_all(&lights),
         };
+        let crossed = crossed.map_err(ProxyError::targets)?;
+        let mut images = match self.gpu {
+            Some(gpu) => gpu.gather.unit_images(&crossed, self.split).map_err(ProxyError::targets)?,
+            None => self.gather.unit_images(&crossed, self.split),
+        };
+        if let Some((connections, levels)) = self.connections {
+            connections.prepare(levels);
+            let emitters = connections.emitters(&lights).map_err(ProxyError::targets)?;
+            let connected = connections.images(self.gather, &lights, &emitters, levels, &|| false);
+            for (light, connected) in connected.into_iter().flatten() {
+                images[light].add_scaled(&connected.image, &[1.0; 3]);
+            }
+        }
         if denoised {
             self.denoise.images(&mut images, DenoiseQuality::Fast).map_err(ProxyError::targets)?;
         }
@@ -169,6 +218,12 @@ impl TargetSource for DumpTargets<'_> {
     fn on_device(&self) -> Option<&dyn DeviceTargets> {
         self.for_pixels().map(|_| self as &dyn DeviceTargets)
     }
+}
+
+/// Number of a light by its place, for random choices that depend on the light alone.
+fn key(shape: &LightShape) -> u64 {
+    let [x, y, z] = shape.center().unwrap_or_default().to_array().map(|x| u64::from(x.to_bits()));
+    x ^ y.rotate_left(21) ^ z.rotate_left(42)
 }
 
 impl DeviceTargets for DumpTargets<'_> {

@@ -144,7 +144,7 @@ impl PathVertex {
     }
 
     /// True if nothing scattered the path before: light here is direct.
-    pub(super) fn is_first(&self) -> bool {
+    pub fn is_first(&self) -> bool {
         self.depths[0] == 0
     }
 

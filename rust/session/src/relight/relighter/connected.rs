@@ -45,6 +45,11 @@ impl Relighter {
         }
     }
 
+    /// Connections in the scene of the bake, where that is at hand.
+    pub(crate) fn connections(&self) -> Option<&Connections> {
+        self.gather.as_ref()?.connections().map(|connections| &**connections)
+    }
+
     /// True if hardly any path meets a light, but paths guided towards it would
     /// ([`relume_trace::TraceSettings::guide_targets`]). Its gathered picture is noise.
     pub fn is_under_sampled(&self, light: &Light) -> bool {
