@@ -3,6 +3,7 @@
 mod levels;
 mod parts;
 
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -19,6 +20,9 @@ use self_cell::self_cell;
 
 use self::levels::{LATER, Level, VERTEX_MEMORY, levels, levels_within};
 use crate::error::SessionError;
+use crate::files::damage::{damage_message, reason_of};
+use crate::files::names::SCENE_FILE;
+use crate::files::scene_file::SceneFile;
 use crate::relight::light_cache::LightCache;
 
 pub(crate) use self::levels::limits;
@@ -115,6 +119,20 @@ impl Connections {
         }))
     }
 
+    /// Connections in the scene that a bake folder holds; none if it holds none, or if lights have to be summed over crossings alone.
+    ///
+    /// # Errors
+    /// Warning for the user if the scene cannot be read or is not that of the bake: see [`Self::new`].
+    pub fn stored(folder: &Path, manifest: &Manifest, shots: usize) -> Result<Option<Self>, String> {
+        let path = folder.join(SCENE_FILE);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
+        let connections = scene.and_then(|scene| Self::new(scene, manifest, None, shots));
+        connections.map_err(|error| damage_message(&path, &reason_of(error)))
+    }
+
     /// True once all levels are prepared that keep their vertices.
     pub fn is_prepared(&self) -> bool {
         self.prepared.load(Ordering::Acquire) == self.most_kept()
@@ -122,7 +140,7 @@ impl Connections {
 
     /// Traces the vertices of so many levels as far as they are kept, where that was not done yet.
     pub fn prepare(&self, levels: usize) {
-        while self.prepared.load(Ordering::Acquire) < levels && self.prepare_next(&|| false) {}
+        self.keep(levels, &|| false);
     }
 
     /// Traces the vertices of the next level that keeps them; false if there is none, or `stop` ended it. The next call
@@ -144,6 +162,25 @@ impl Connections {
             self.prepared.store(number + 1, Ordering::Release);
         }
         is_whole
+    }
+
+    /// Traces the vertices of so many levels, or of as many as are kept, and says how many; nothing if `stop` ended it.
+    pub fn keep(&self, levels: usize, stop: &(dyn Fn() -> bool + Sync)) -> Option<usize> {
+        while self.prepared.load(Ordering::Acquire) < levels && self.prepare_next(stop) {}
+        (!stop()).then(|| levels.min(self.prepared.load(Ordering::Acquire)))
+    }
+
+    /// Vertices of a tile by one of the first levels, which are kept, and the number of its paths; that of a random path, by a
+    /// number in 0..1.
+    pub fn kept(&self, levels: usize, tile: usize, u: f32) -> (&PixelVertices, u32) {
+        let levels = &self.levels[..levels];
+        let mut left = u * levels.iter().map(|level| level.pass.samples as f32).sum::<f32>();
+        let holds_path = |level: &&Level| {
+            left -= level.pass.samples as f32;
+            left < 0.0
+        };
+        let level = levels.iter().find(holds_path).unwrap_or(&levels[0]);
+        (level.kept[tile].get().expect("levels that were prepared"), level.pass.samples)
     }
 
     /// Number of levels that lights can be connected to now.

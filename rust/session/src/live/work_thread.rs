@@ -15,12 +15,11 @@ use crate::files::damage::{damage_message, reason_of};
 use crate::files::light_set::LightSet;
 use crate::files::names::{GUIDED_FILE, SCENE_FILE};
 use crate::files::proxies::Proxies;
-use crate::files::scene_file::SceneFile;
 use crate::progress::{Cancel, Monitor};
 use crate::relight::film::Film;
 use crate::train::settings::{Clock, TrainSettings};
 use crate::train::sizes::sizes_with;
-use crate::train::train;
+use crate::train::{TrainJob, train_by};
 use relume_dump::{Dump, DumpError, Manifest};
 use relume_proxy::{LightKind, TrainConfig};
 use relume_scene::{Light, Scene};
@@ -190,20 +189,18 @@ impl WorkRun {
 
     /// Makes the scene ready that the folder holds, if it does.
     fn connect_stored(&self, manifest: &Manifest) {
-        let path = self.folder.join(SCENE_FILE);
-        if !path.exists() {
+        if !self.folder.join(SCENE_FILE).exists() {
             return;
         }
         let _preparing = Preparing::new(&self.shared);
         let stop = || self.cancel.requested() || self.shared.lock().closed;
         self.seat.wait_to_prepare(&stop);
-        let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
-        match scene.and_then(|scene| Connections::new(scene, manifest, None, self.seat.members())) {
+        match Connections::stored(&self.folder, manifest, self.seat.members()) {
             Ok(Some(connections)) => {
                 deliver_levels(&self.shared, &self.seat, &Arc::new(connections), &stop);
             }
             Ok(None) => {}
-            Err(error) => self.shared.warn(&damage_message(&path, &reason_of(error))),
+            Err(warning) => self.shared.warn(&warning),
         }
     }
 
@@ -400,7 +397,15 @@ impl WorkRun {
             clock: Clock::Wall,
             half_for_measuring: true,
         };
-        train(&self.folder, &self.folder, &settings, false, compute, monitor).map(drop)
+        let connections = self.shared.lock().connections.clone();
+        let job = TrainJob {
+            bake: &self.folder,
+            out: &self.folder,
+            settings: &settings,
+            resume: false,
+            connections,
+        };
+        train_by(&job, compute, monitor).map(drop)
     }
 
     /// Lights of the newest request and of the scene.

@@ -149,7 +149,9 @@ impl<'a> Measurable<'a> {
 
     fn targets(&self, bounds: (Vec3, Vec3)) -> DumpTargets<'_> {
         let connections = self.connections.map(|connections| (connections, usize::MAX));
-        DumpTargets::new(self.gather, SampleSplit::All, bounds, &self.denoise).on(self.on_gpu.as_ref()).with_connections(connections)
+        DumpTargets::new(self.gather, SampleSplit::All, bounds, &self.denoise)
+            .on(self.on_gpu.as_ref())
+            .with_connections(connections)
     }
 }
 

@@ -8,12 +8,16 @@ pub(crate) mod sizes;
 pub(crate) mod targets;
 
 use crate::device::compute::Compute;
+use crate::device::connections::Connections;
 use crate::error::SessionError;
 use crate::progress::Monitor;
-use crate::train::run::{LastTry, TrainBake, TrainJob, TrainRun};
+pub(crate) use crate::train::run::TrainJob;
+use crate::train::run::{LastTry, TrainBake, TrainRun};
 use crate::train::settings::{TrainReport, TrainSettings};
+use relume_dump::Dump;
 use std::cell::RefCell;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Trains a proxy on a bake and writes it into `out`, with all that relighting without the bake needs. With `resume` it
 /// goes on with a stopped training, and ends as if that had never stopped. A lost GPU is opened again, once. If it
@@ -29,10 +33,33 @@ pub fn train(
     compute: &Compute,
     monitor: &Monitor,
 ) -> Result<TrainReport, SessionError> {
-    let job = TrainJob { bake, out, settings, resume };
+    let connections = match compute.gpu {
+        Some(_) => None,
+        None => stored_connections(bake, monitor)?,
+    };
+    train_by(&TrainJob { bake, out, settings, resume, connections }, compute, monitor)
+}
+
+/// Connections in the scene that a bake holds, if it does; a warning tells what is wrong with that.
+fn stored_connections(bake: &Path, monitor: &Monitor) -> Result<Option<Arc<Connections>>, SessionError> {
+    let stored = Connections::stored(bake, Dump::open(bake)?.manifest(), 1);
+    Ok(stored
+        .unwrap_or_else(|warning| {
+            monitor.warn(&warning);
+            None
+        })
+        .map(Arc::new))
+}
+
+/// [`train`] with connections that are there, which count where the CPU gathers.
+pub(crate) fn train_by(
+    job: &TrainJob<'_>,
+    compute: &Compute,
+    monitor: &Monitor,
+) -> Result<TrainReport, SessionError> {
     let last_try = RefCell::default();
     let from = || job.start_of_next_try(&last_try.borrow());
-    compute.attempt(monitor, from, |compute| train_on(compute, &job, &last_try, monitor))
+    compute.attempt(monitor, from, |compute| train_on(compute, job, &last_try, monitor))
 }
 
 /// [`train`] without another try. An earlier try left `last_try`, which this one replaces.
@@ -42,7 +69,7 @@ fn train_on(
     last_try: &RefCell<LastTry>,
     monitor: &Monitor,
 ) -> Result<TrainReport, SessionError> {
-    let bake = TrainBake::open(job, compute)?;
+    let bake = TrainBake::open(job, compute, monitor)?;
     let mut run = TrainRun::open(job, &bake, compute, last_try)?;
     // After the training: what is left of the memory is the dump's, which can be streamed, or gathered from on the CPU.
     let on_gpu = bake.on_gpu(compute)?;

@@ -2,6 +2,7 @@
 
 use crate::bake::features::{camera, pixel_features};
 use crate::device::compute::Compute;
+use crate::device::connections::Connections;
 use crate::error::SessionError;
 use crate::files::names::{LIGHTS_FILE, VIEW_FILE, measured_path, proxy_path, training_path};
 use crate::files::proxies::Measured;
@@ -9,8 +10,7 @@ use crate::files::{base_layers, contents};
 use crate::progress::{Monitor, Stage, StageProgress};
 use crate::relight::denoise::Denoise;
 use crate::relight::film::Film;
-use crate::device::connections::Connections;
-use crate::train::connected::TargetVertices;
+use crate::train::connected::ConnectedPixels;
 use crate::train::measure::measure;
 use crate::train::settings::{Clock, CurvePoint, TrainReport, TrainSettings};
 use crate::train::targets::{DumpTargets, GpuTargets};
@@ -42,11 +42,13 @@ const NO_ROOM: &str = "the training leaves no room in the GPU's memory for parts
                        --gpu-memory";
 
 /// Training that was asked for.
-pub(super) struct TrainJob<'a> {
+pub(crate) struct TrainJob<'a> {
     pub bake: &'a Path,
     pub out: &'a Path,
     pub settings: &'a TrainSettings,
     pub resume: bool,
+    /// Connections in the scene of the bake, if it is at hand.
+    pub connections: Option<Arc<Connections>>,
 }
 
 impl TrainJob<'_> {
@@ -55,7 +57,7 @@ impl TrainJob<'_> {
     }
 
     /// State that a try after a failed one starts from, in words for the user.
-    pub fn start_of_next_try(&self, last_try: &LastTry) -> &'static str {
+    pub(super) fn start_of_next_try(&self, last_try: &LastTry) -> &'static str {
         match last_try.snapshot {
             Some(_) => " from a moment before",
             None if self.resume && self.state().exists() => " from the last checkpoint",
@@ -95,12 +97,13 @@ pub(super) struct TrainBake {
     features: Arc<PixelFeatures>,
     denoise: Denoise,
     gather: Gather,
-    vertices: Option<TargetVertices>,
+    /// Connections of single pixels, where the CPU gathers and the scene is at hand.
+    connected_pixels: Option<ConnectedPixels>,
 }
 
 impl TrainBake {
     /// Opens the bake, and writes beside the proxy what relighting without the bake needs.
-    pub fn open(job: &TrainJob, compute: &Compute) -> Result<Self, SessionError> {
+    pub fn open(job: &TrainJob, compute: &Compute, monitor: &Monitor) -> Result<Self, SessionError> {
         let dump = Dump::open(job.bake)?;
         if let Some((tile, pass)) = dump.missing().first() {
             let reason = format!(
@@ -122,15 +125,16 @@ impl TrainBake {
         let features = Arc::new(pixel_features(&aovs, &camera));
         let denoise = Denoise::new(&aovs, compute.gpu.as_deref());
         let gather = Gather::new(dump);
-        let scene = job.bake.join(crate::files::names::SCENE_FILE);
-        let vertices = if scene.exists() && std::env::var("NO_CONNECT").is_err() {
-            let scene = Arc::new(crate::files::scene_file::SceneFile::read(&scene)?.scene);
-            let split = if job.settings.half_for_measuring { SampleSplit::First } else { SampleSplit::All };
-            Connections::new(scene, gather.dump().manifest(), None, 1)?
-                .and_then(|connections| TargetVertices::new(&Arc::new(connections), &gather, split, &|| false))
-        } else { None };
-        eprintln!("connected {}", vertices.is_some());
-        Ok(Self { scene_hash, features, denoise, gather, vertices })
+        let connected_pixels = match &job.connections {
+            Some(connections) if compute.gpu.is_none() && connections.is_of(gather.dump().manifest()) => {
+                let split = splits(job.settings).0;
+                let connected =
+                    ConnectedPixels::new(Arc::clone(connections), &gather, split, &|| monitor.cancelled());
+                Some(connected.ok_or(SessionError::Cancelled)?)
+            }
+            _ => None,
+        };
+        Ok(Self { scene_hash, features, denoise, gather, connected_pixels })
     }
 
     /// Targets on the GPU, if there is one.
@@ -143,15 +147,20 @@ impl TrainBake {
         settings: &TrainSettings,
         on_gpu: Option<&'a GpuTargets>,
     ) -> TrainTargets<'a> {
-        let splits = match settings.half_for_measuring {
-            true => (SampleSplit::First, SampleSplit::Second),
-            false => (SampleSplit::All, SampleSplit::All),
-        };
+        let splits = splits(settings);
         let bounds = self.features.visible_bounds();
         let of = |split| DumpTargets::new(&self.gather, split, bounds, &self.denoise).on(on_gpu);
-        let training = of(splits.0).with_vertices(self.vertices.as_ref());
+        let training = of(splits.0).with_pixels_connected(self.connected_pixels.as_ref());
         let held_out = of(splits.1);
         TrainTargets { gather: &self.gather, on_gpu, splits, training, held_out }
+    }
+}
+
+/// Paths that are trained on, and those that it is measured by.
+fn splits(settings: &TrainSettings) -> (SampleSplit, SampleSplit) {
+    match settings.half_for_measuring {
+        true => (SampleSplit::First, SampleSplit::Second),
+        false => (SampleSplit::All, SampleSplit::All),
     }
 }
 

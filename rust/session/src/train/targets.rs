@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::device::connections::Connections;
 use crate::relight::denoise::Denoise;
-use crate::train::connected::TargetVertices;
+use crate::train::connected::ConnectedPixels;
 
 /// Targets of a training, gathered from a dump (paper, section 4.4).
 pub struct DumpTargets<'a> {
@@ -22,8 +22,8 @@ pub struct DumpTargets<'a> {
     bounds: (Vec3, Vec3),
     denoise: &'a Denoise,
     gpu: Option<&'a GpuTargets>,
-    /// Vertices that single pixels are connected by.
-    vertices: Option<&'a TargetVertices>,
+    /// Connections of single pixels.
+    connected_pixels: Option<&'a ConnectedPixels>,
     /// Connections of whole images, and the number of their levels.
     connections: Option<(&'a Connections, usize)>,
 }
@@ -80,7 +80,7 @@ impl GpuTargets {
 #[derive(Default)]
 struct PixelWork {
     lights: Vec<PreparedLight>,
-    emitters: Vec<(u64, Option<Emitter>)>,
+    emitters: Vec<Option<Emitter>>,
     gather: GatherScratch,
     connect: ConnectScratch,
 }
@@ -88,13 +88,13 @@ struct PixelWork {
 impl<'a> DumpTargets<'a> {
     /// Targets from some of the paths of each pixel. `bounds` is the box of visible positions.
     pub fn new(gather: &'a Gather, split: SampleSplit, bounds: (Vec3, Vec3), denoise: &'a Denoise) -> Self {
-        Self { gather, split, bounds, denoise, gpu: None, vertices: None, connections: None }
+        Self { gather, split, bounds, denoise, gpu: None, connected_pixels: None, connections: None }
     }
 
-    /// Sets vertices that lights of single pixels are connected to from now on.
+    /// Sets connections of single pixels, which the CPU then gathers.
     #[must_use]
-    pub(crate) fn with_vertices(self, vertices: Option<&'a TargetVertices>) -> Self {
-        Self { vertices, ..self }
+    pub(super) fn with_pixels_connected(self, connected_pixels: Option<&'a ConnectedPixels>) -> Self {
+        Self { connected_pixels, ..self }
     }
 
     /// Sets connections of whole images, by so many levels.
@@ -122,7 +122,7 @@ impl<'a> DumpTargets<'a> {
 
     /// The dump on the GPU, if single pixels are gathered there.
     fn for_pixels(&self) -> Option<&GpuTargets> {
-        self.gpu.filter(|gpu| gpu.gathers_pixels && self.vertices.is_none())
+        self.gpu.filter(|gpu| gpu.gathers_pixels && self.connected_pixels.is_none())
     }
 
     /// Targets that the GPU would have gathered for these queries, with lights prepared.
@@ -140,6 +140,36 @@ impl<'a> DumpTargets<'a> {
             },
         );
         values
+    }
+
+    /// Values of a pixel under some lights.
+    fn pixel(
+        &self,
+        pixel: u32,
+        shapes: &[LightShape],
+        PixelWork { lights, emitters, gather, connect }: &mut PixelWork,
+        values: &mut [[f32; 3]],
+    ) -> Result<(), GatherError> {
+        lights.clear();
+        emitters.clear();
+        for light in shapes.iter().map(|shape| Light::unit(*shape)) {
+            let (crossed, connected) = match self.connected_pixels {
+                Some(connections) => connections.prepare(self.gather, &light)?,
+                None => (self.gather.prepare(&light)?, None),
+            };
+            lights.push(crossed);
+            emitters.push(connected);
+        }
+        let (x, y) = self.place(pixel);
+        self.gather.pixel_into(x, y, lights, self.split, gather, values);
+        let Some(connections) = self.connected_pixels else { return Ok(()) };
+        let place = self.gather.dump().locate(x, y);
+        for ((value, shape), emitter) in values.iter_mut().zip(shapes).zip(emitters) {
+            let Some(emitter) = emitter else { continue };
+            let connected = connections.light(place, emitter, key(shape), connect);
+            value.iter_mut().zip(connected).for_each(|(value, light)| *value += light);
+        }
+        Ok(())
     }
 
     fn prepare(&self, shape: &LightShape) -> Result<PreparedLight, ProxyError> {
@@ -167,27 +197,12 @@ impl TargetSource for DumpTargets<'_> {
     fn pixel_targets(&self, queries: &PixelQueries<'_>, out: &mut [[f32; 3]]) -> Result<(), ProxyError> {
         let count = queries.lights_per_pixel;
         let pixels = queries.pixels.par_iter().zip(queries.lights.par_chunks_exact(count));
-        pixels.zip(out.par_chunks_exact_mut(count)).try_for_each_init(PixelWork::default, |work, ((pixel, shapes), values)| {
-            work.lights.clear();
-            work.emitters.clear();
-            for shape in shapes {
-                match self.vertices {
-                    None => work.lights.push(self.prepare(shape)?),
-                    Some(vertices) => {
-                        let light = Light::unit(*shape);
-                        let (light, emitter) = vertices.prepare(self.gather, &light).map_err(ProxyError::targets)?;
-                        work.lights.push(light);
-                        work.emitters.push((key(shape), emitter));
-                    }
-                }
-            }
-            let (x, y) = self.place(*pixel);
-            self.gather.pixel_into(x, y, &work.lights, self.split, &mut work.gather, values);
-            if let Some(vertices) = self.vertices {
-                vertices.add(self.gather.dump().locate(x, y), &work.emitters, values, &mut work.connect);
-            }
-            Ok(())
-        })
+        pixels.zip(out.par_chunks_exact_mut(count)).try_for_each_init(
+            PixelWork::default,
+            |work, ((pixel, shapes), values)| {
+                self.pixel(*pixel, shapes, work, values).map_err(ProxyError::targets)
+            },
+        )
     }
 
     fn images(&self, lights: &[LightShape], denoised: bool) -> Result<Vec<Image>, ProxyError> {

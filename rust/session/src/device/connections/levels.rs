@@ -26,9 +26,12 @@ pub(crate) fn limits(samples: u32) -> VertexLimits {
     VertexLimits { first: samples as usize, later: (LATER * samples) as usize }
 }
 
-/// Levels of a picture.
+/// Levels of a picture, of paths that are neither in the bake nor those of the first [`crate::device::blocks::BlockVertices`] after
+/// it: what is connected, what crosses a light and what was solved by are independent.
 pub(super) fn levels(manifest: &Manifest) -> Vec<Level> {
-    let first_sample = manifest.passes.first().map_or(0, |pass| pass.first_sample);
+    let end = manifest.passes.iter().map(|pass| pass.first_sample + pass.samples).max().unwrap_or(0);
+    // Aligned runs are well spread.
+    let first_sample = end.next_multiple_of(PATHS) + PATHS;
     let mut levels = Vec::new();
     let mut sum = 0;
     while sum < PATHS {

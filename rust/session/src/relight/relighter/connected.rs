@@ -7,9 +7,6 @@ use relume_scene::{Light, Scene};
 use super::Relighter;
 use crate::device::connections::Connections;
 use crate::error::SessionError;
-use crate::files::damage::{damage_message, reason_of};
-use crate::files::names::SCENE_FILE;
-use crate::files::scene_file::SceneFile;
 use crate::progress::Monitor;
 use crate::relight::options::RelightOptions;
 use crate::relight::source::UnitSource;
@@ -25,24 +22,28 @@ impl Relighter {
     /// # Errors
     /// If the scene is not that of the bake ([`Self::is_of`]), or has too many triangles.
     pub fn connect(&mut self, scene: Arc<Scene>) -> Result<(), SessionError> {
-        let Some(gather) = &mut self.gather else { return Ok(()) };
-        let manifest = gather.gather().dump().manifest().clone();
-        if let Some(connections) = Connections::new(scene, &manifest, None, 1)? {
-            gather.connect(&Arc::new(connections), manifest.passes.len());
-            self.units = Mutex::default();
+        let Some(gather) = &self.gather else { return Ok(()) };
+        if let Some(connections) = Connections::new(scene, gather.gather().dump().manifest(), None, 1)? {
+            self.connect_by(connections);
         }
         Ok(())
     }
 
     /// [`Self::connect`] in the scene that the bake folder holds, if it does; a warning tells what is wrong with that.
     pub fn connect_stored(&mut self, monitor: &Monitor) {
-        let path = self.folder.join(SCENE_FILE);
-        if self.gather.is_none() || !path.exists() {
-            return;
+        let Some(gather) = &self.gather else { return };
+        match Connections::stored(&self.folder, gather.gather().dump().manifest(), 1) {
+            Ok(Some(connections)) => self.connect_by(connections),
+            Ok(None) => {}
+            Err(warning) => monitor.warn(&warning),
         }
-        if let Err(error) = SceneFile::read(&path).and_then(|file| self.connect(Arc::new(file.scene))) {
-            monitor.warn(&damage_message(&path, &reason_of(error)));
-        }
+    }
+
+    fn connect_by(&mut self, connections: Connections) {
+        let Some(gather) = &mut self.gather else { return };
+        let levels = connections.manifest().passes.len();
+        gather.connect(&Arc::new(connections), levels);
+        self.units = Mutex::default();
     }
 
     /// Connections in the scene of the bake, where that is at hand.
