@@ -27,14 +27,15 @@ Close to large lights both count, each by its share (`rust/gather/src/balance.rs
 The reference is the mean of two bakes of {reference} paths in all, guided towards the light, connected and denoised.
 Its own PSNR is that of one half against the other; a PSNR near it says no more than that. Figures are means over
 lights, PSNR in dB after Reinhard's curve. Seconds are those of one light's sum where paths and vertices are there
-already, on {cores} shared cores. coffee_maker was measured beside much other work: its seconds are too many.
+already, on {cores} shared cores.{loaded}
 
 {table}
 
 ## Proxies
 
-Made by `scripts/bench/proxies.py`. *Crossings* are the denoised sum of the bake that the proxy learned from, 64 paths.
-Seconds of training are those of each thread's processor. Means are over unseen lights of all sizes that were learned.
+Made by `scripts/bench/proxies.py`. *Crossings* are the denoised sum of the bake that the proxy learned from, of {paths}
+paths. The reference is of {proxy_reference} paths, connected and denoised. Seconds of training are those of each
+thread's processor. Means are over unseen lights of all sizes that were learned.
 
 {proxies}
 """
@@ -86,10 +87,14 @@ def page(records):
         own = f"{mean(group, 'reference_psnr'):.1f}"
         lines.append([f"{scene}, {group[0]['width']} wide", f"{size:.1%}", str(samples), *psnr, own, *seconds])
     reference = max(record["reference_samples"] for record in records)
+    loaded = sorted({record["scene"] for record in records if "beside other work" in record["device"]})
     return TEXT.format(
         reference=reference,
         cores=records[0]["device"].split()[1],
+        loaded=f"\nThose of {', '.join(loaded)} are too many: measured beside other work." if loaded else "",
         table=rows(HEAD, lines),
+        paths=trainings[0]["samples"],
+        proxy_reference=min(record["reference_samples"] for record in trainings),
         proxies=proxies_table(trainings),
     )
 

@@ -25,7 +25,7 @@ def parse_arguments():
     parser.add_argument("scenes", nargs="+", type=Path, help="scene files")
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/relume")
     parser.add_argument("--samples", type=int, default=64, help="paths per pixel of the bake")
-    parser.add_argument("--reference", type=int, default=1024, help="paths per pixel of the reference")
+    parser.add_argument("--reference", type=int, default=256, help="paths per pixel of the reference")
     parser.add_argument("--seconds", type=float, nargs="+", default=[72.0], help="of each training")
     parser.add_argument("--types", nargs="+", default=["sphere", "quad"])
     parser.add_argument("--networks", nargs="+", default=["fast"])

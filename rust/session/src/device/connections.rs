@@ -1,5 +1,6 @@
 //! Lights connected to the vertices of light-free paths, where the scene of a bake is at hand.
 
+mod image;
 mod levels;
 mod parts;
 
@@ -25,6 +26,7 @@ use crate::files::names::SCENE_FILE;
 use crate::files::scene_file::SceneFile;
 use crate::relight::light_cache::LightCache;
 
+pub(crate) use self::image::ConnectedImage;
 pub(crate) use self::levels::limits;
 
 self_cell!(
@@ -49,16 +51,6 @@ pub(crate) struct Connections {
     memory: usize,
     balance: Balance,
     images: Mutex<LightCache<Arc<ConnectedImage>>>,
-}
-
-/// Part of a light's unit image that is summed by connections.
-pub(crate) struct ConnectedImage {
-    pub levels: usize,
-    /// Paths per pixel behind it.
-    paths: u32,
-    pub image: Image,
-    /// Draw of its error; empty for a single level.
-    pub error: Image,
 }
 
 /// Images of some lights, by their number.
@@ -478,30 +470,6 @@ fn weighed_sample(
     }
     let weights = weights.map(|weight| weight * (LEAST_SHARE / most).max(1.0));
     Some((light.sample(vertex.position, vertex.normal(), [u, v])?, weights))
-}
-
-impl ConnectedImage {
-    /// Image of one level more, which is of so many paths.
-    fn grown(before: Option<&Self>, mut image: Image, samples: u32) -> Self {
-        let Some(before) = before else {
-            return Self { levels: 1, paths: samples, image, error: Image::default() };
-        };
-        let paths = before.paths + samples;
-        let share = samples as f32 / paths as f32;
-        // As in `Gathered::add`.
-        let scale = (share * (1.0 - share)).sqrt();
-        let mut error = before.image.clone();
-        for ((value, error), before) in image.data.iter_mut().zip(&mut error.data).zip(&before.image.data) {
-            let difference = *value - before;
-            *value = before + share * difference;
-            *error = scale * difference;
-        }
-        Self { levels: before.levels + 1, paths, image, error }
-    }
-
-    fn bytes(&self) -> usize {
-        size_of_val(self.image.data.as_slice()) + size_of_val(self.error.data.as_slice())
-    }
 }
 
 #[cfg(test)]
