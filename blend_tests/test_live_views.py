@@ -237,6 +237,50 @@ def test_undo_and_another_file_leave_nothing_behind(three, looks, tmp_path):
     assert shot.all_open() == [] and seen._attended is None
 
 
+def step_of_undo(name):
+    bpy.ops.ed.undo_push(message=name)
+
+
+def test_undo_and_redo_of_choosing_a_shot_show_what_is_chosen(three, looks):
+    scene, _ = three
+    looks()
+    step_of_undo("listed")
+    scene.relume_shots.active = 1
+    assert names() == ["Left"] and scene.camera.name == "Left"
+    step_of_undo("chosen")
+    bpy.ops.ed.undo()
+    assert bpy.context.scene.camera.name == "Camera" and names() == ["Camera"]
+    bpy.ops.ed.redo()
+    assert bpy.context.scene.camera.name == "Left" and names() == ["Left"]
+
+
+def test_undo_and_redo_of_a_list_keep_the_picture_that_is_shown(scene, registered_for_all_files, looks, tmp_path):
+    add_quad(scene)
+    scene.relume.folder = str(tmp_path / "bakes")
+    update()
+    put_bake(options_of(scene).folder)
+    show_bake(scene)
+    (found,) = shot.all_open()
+    step_of_undo("shown")
+    add_cameras(scene)
+    assert shot.all_open() == [found] and found.key == "Camera", "nothing is opened anew"
+    step_of_undo("listed")
+    for _ in range(2):
+        bpy.ops.ed.undo()
+        assert len(bpy.context.scene.relume_shots.items) == 0
+        assert shot.all_open() == [found] and found.key == ""
+        bpy.ops.ed.redo()
+        assert len(bpy.context.scene.relume_shots.items) == 3
+        assert shot.all_open() == [found] and found.key == "Camera"
+    scene = bpy.context.scene
+    put_bake(shot_list.all_shots(scene)[1].folder, "Left")
+    scene.relume_shots.active = 1
+    assert names() == ["Left"]
+    step_of_undo("chosen")
+    bpy.ops.ed.undo_history(item=0)
+    assert len(bpy.context.scene.relume_shots.items) == 0 and names() == ["Camera"]
+
+
 def test_the_view_under_the_mouse_comes_first(three):
     scene, _ = three
     open_all()
