@@ -151,6 +151,7 @@ def play(driver):
             points = json.dumps([[0.4, 0.5, 1.0], [0.6, 0.5, 1.0]])
             bpy.ops.relume.scribble(points=points, goal="brighter", amount=0.5, radius=0.2, shot=entry.key)
         scene.relume_solve.effort = "QUICK"
+        bpy.ops.ed.undo_push(message="Strokes")
         with bpy.context.temp_override(window=window, area=views()[0]):
             bpy.ops.wm.tool_set_by_id(name="relume.scribble")
         yield from driver.drawn()
@@ -177,7 +178,8 @@ def play(driver):
         """What undo has to bring back: the list, cameras of views, lights, strokes and looks."""
         lights = {light.name: (light.energy, *light.color) for light in bpy.data.lights}
         cameras = sorted(view.spaces.active.camera.name for view in views())
-        return listed(), cameras, lights, len(scene.relume_looks.items), scene.relume_solve.strokes
+        looks, strokes = len(scene.relume_looks.items), scene.relume_solve.strokes
+        return {"shots": listed(), "cameras": cameras, "lights": lights, "looks": looks, "strokes": strokes}
 
     def pictures():
         return {found.camera: np.array(found.frame.image) for found in shots()}
@@ -194,7 +196,10 @@ def play(driver):
         yield from driver.drawn()
         driver.photo("applied")
         applied, pictures_applied = state(), pictures()
-        driver.check(applied[2] != solved[2] and not applied[4], "the lights are written, the strokes are done with")
+        driver.check(
+            applied["lights"] != solved["lights"] and not applied["strokes"],
+            "the lights are written, the strokes are done with",
+        )
         driver.check(not same(pictures_solved, pictures_applied), "all views are brighter")
         for forth, wanted, shown in ((False, solved, pictures_solved), (True, applied, pictures_applied)):
             yield from go_back(driver, forth=forth)
@@ -206,8 +211,9 @@ def play(driver):
         yield from go_back(driver, 2)
         scene = bpy.context.scene
         yield from driver.until(rest, "rest", 300)
-        driver.check(state()[3] == 0, f"one step more takes the solve's looks away: {state()}")
-        driver.check(state()[:3] == solved[:3] and same(pictures_solved, pictures()), "and leaves all else")
+        wanted = solved | {"looks": 0}
+        driver.check(state() == wanted, f"one step more takes the solve's looks away alone: {state()}")
+        driver.check(same(pictures_solved, pictures()), "and leaves all pictures")
 
     with driver.step("together"):
         with bpy.context.temp_override(window=window, area=views()[0]):
