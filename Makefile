@@ -22,7 +22,7 @@ PROFILE ?=
 WHEEL ?=
 NEWEST_DRIVER := CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER=$(CURDIR)/scripts/on-newest-driver
 
-.PHONY: setup check deny wheel extension extension-linux test test-rust rust-here rust-on-newest-driver test-python test-blender window window-built guide fuzz demo shots parity coverage quality bench bench-gpu solve cases hunt clean
+.PHONY: setup check deny wheel extension extension-linux test test-long test-named test-rust rust-here rust-on-newest-driver test-python test-blender window window-built guide fuzz demo shots parity coverage quality bench bench-gpu solve cases hunt clean
 
 setup:
 	@$(TIMED) set-up scripts/setup
@@ -71,6 +71,20 @@ test: setup
 	@$(MAKE) --no-print-directory check-python check-rust rust-here test-python extension-linux
 	@printf '%s\n' rust-on-newest-driver $(BLENDERS:%=blender-%) | xargs -P 3 -I PART $(MAKE) --no-print-directory PART
 	@$(MAKE) --no-print-directory window-built AT_ONCE=3
+
+# All tests, as before a release: hours on two cores. `.ci/run long` runs it.
+test-long: test test-named
+
+# What is run by name alone: a bake under real farm managers, tests of half a minute and more, those of the benchmarks, and all
+# scenarios of the window. What this machine lacks is skipped and said.
+test-named: extension-linux
+	@scripts/setup 5.3
+	@scripts/install-wheel "$(WHEELS)" 4.2 5.3
+	$(TIMED) "farm managers" $(PYTHON) -m pytest -rs tests/farm_managers.py
+	$(TIMED) "slow tests in Blender" .venv-5.3/bin/python -m pytest -rs blend_tests -m slow
+	$(TIMED) "long solves" $(CARGO) test -p relume-session --test solve $(PROFILE) -- --ignored
+	$(TIMED) "tests of benchmarks" $(CARGO) test -p relume-bench $(PROFILE)
+	@$(MAKE) --no-print-directory window-built WINDOW=--all
 
 test-rust: check-rust
 	@$(MAKE) --no-print-directory rust-here rust-on-newest-driver

@@ -95,7 +95,7 @@ def _stopped_by_sigterm() -> Iterator[None]:
 def bake(options: argparse.Namespace, _rest: list[str], reporter: Reporter) -> int:
     """Traces the open scene into a folder, with its lights and its view transform beside the paths; or shots of its
     list, each into its own."""
-    if options.shots is not None:
+    if options.shots is not None or options.folders is not None:
         return shot_commands.bake_shots(options, reporter, _open_scene, _bake, _words)
     if options.out is None:
         raise command_line.UsageError("name a bake folder with --out, or shots with --shots")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
+import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,35 +42,42 @@ def bake_shots(
 ) -> int:
     """Traces shots of the scene's list one after the other, and writes the list of what is baked for the native
     program. One that fails keeps no other from being traced; all are named in the end. Shots of one frame, view layer
-    and size follow each other: their scene is read once, where nothing depends on the camera. Returns the exit code."""
+    and size follow each other: their scene is read once, where nothing depends on the camera. The panel names each
+    shot's folder itself, and writes the list. Returns the exit code."""
     if given := [f"--{name.replace('_', '-')}" for name in OF_SHOTS if getattr(options, name) is not None]:
         raise UsageError(f"{', '.join(given)}: each shot of the list says that itself; leave it out beside --shots")
     _know_the_list()
     scene = open_scene(options, reporter)
-    found = [_in_folder(shot, options.out) for shot in shot_list.all_shots(scene)]
-    wanted = [shot for shot in shots.chosen(found, options.shots) if not shot.is_foreign]
-    problems = _problems(scene, found) if options.out else shot_list.problems(scene)
+    found, folders = shot_list.all_shots(scene), json.loads(options.folders or "{}")
+    if folders:
+        wanted = found = [replace(shot, folder=Path(folders[shot.name])) for shot in found if shot.name in folders]
+    else:
+        found = [_in_folder(shot, options.out) for shot in found]
+        wanted = [shot for shot in shots.chosen(found, options.shots) if not shot.is_foreign]
+    problems = _problems(scene, found) if options.out or folders else shot_list.problems(scene)
+    baked: list[str] = []
     failures: dict[str, str] = {}
     camera, frame = scene.camera, scene.frame_current
     readings = _Readings(wanted)
     try:
         for number, shot in enumerate(readings.in_turn()):
             about = {"done": number, "total": len(wanted), "remaining_s": None, "message": shot.name}
-            reporter.progress({"stage": "shots", **about})
+            reporter.progress({"stage": "shots", **about, "baked": baked})
             try:
                 if words := problems.get(shot.key):
                     raise ExportError(words)
                 bake(scene, _options_of(scene, options, shot, frame), reporter, partial(readings.load, shot))
+                baked.append(shot.name)
             except Exception as error:
                 failures[shot.name] = words_of(error)
     finally:
         scene.camera = camera
         _show_frame(scene, frame)
-    file = Path(options.out) / LIST_FILE if options.out else shot_list.file_of(scene)
-    names = shots.write_file(found, file, bpy.data.filepath)
-    baked = [shot.name for shot in wanted if shot.name not in failures]
+    file = None if folders else Path(options.out) / LIST_FILE if options.out else shot_list.file_of(scene)
+    names = shots.write_file(found, file, bpy.data.filepath) if file else []
+    baked = [shot.name for shot in wanted if shot.name in baked]
     result = {"shots": str(file) if names else None, "baked": baked, "failed": failures}
-    reporter.result(result, f"{file}: {len(baked)} of {len(wanted)} shots baked")
+    reporter.result(result, f"{file or scene.name}: {len(baked)} of {len(wanted)} shots baked")
     if failures:
         reporter.error("; ".join(f"shot '{name}': {reason}" for name, reason in failures.items()))
         return 1
@@ -82,7 +90,7 @@ class _Readings:
     def __init__(self, wanted: list[ListedShot]):
         self._by_state: dict[Any, list[ListedShot]] = {}
         for shot in wanted:
-            self._by_state.setdefault(_state_of(shot), []).append(shot)
+            self._by_state.setdefault(shot.state, []).append(shot)
         self._kept: tuple[Any, Any, dict[str, str]] | None = None
         """State of the newest scene, the scene, and the descriptions of cameras that see the same."""
 
@@ -92,18 +100,13 @@ class _Readings:
 
     def load(self, shot: ListedShot, scene: bpy.types.Scene, options: ExportOptions) -> Any:
         """The scene of a shot, which Blender's scene shows now."""
-        state = _state_of(shot)
-        if self._kept is not None and self._kept[0] == state and shot.camera in self._kept[2]:
+        if self._kept is not None and self._kept[0] == shot.state and shot.camera in self._kept[2]:
             return self._kept[1].seen_by(self._kept[2][shot.camera])
         self._kept = None  # The memory of one scene is enough.
-        others = tuple(other.camera for other in self._by_state[state] if other.camera != shot.camera)
-        read, cameras = load_scene_for(scene, dataclasses.replace(options, others=others))
-        self._kept = (state, read, cameras) if cameras else None
+        others = tuple(other.camera for other in self._by_state[shot.state] if other.camera != shot.camera)
+        read, cameras = load_scene_for(scene, replace(options, others=others))
+        self._kept = (shot.state, read, cameras) if cameras else None
         return read
-
-
-def _state_of(shot: ListedShot) -> tuple[Any, ...]:
-    return shot.frame, shot.layer, shot.size
 
 
 def _know_the_list() -> None:
@@ -125,7 +128,7 @@ def _in_folder(shot: ListedShot, out: str | None) -> ListedShot:
     """The shot in a folder of its own below the one of --out; a bake of another file stays where it is."""
     if out is None or shot.is_foreign:
         return shot
-    return ListedShot(**{**vars(shot), "folder": Path(out).absolute() / (shot.key or "shot")})
+    return replace(shot, folder=Path(out).absolute() / (shot.key or "shot"))
 
 
 def _problems(scene: bpy.types.Scene, found: list[ListedShot]) -> dict[str, str]:

@@ -1,12 +1,14 @@
 """Several views show the shots of their own cameras live: one state of the lights, a picture for each camera."""
 
 import json
+from copy import copy
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 import relume
+from solve_steps import LINE, begin, finish
 from test_shots import put_bake
 
 from addon.engine.reading.scene import load_scene
@@ -19,7 +21,8 @@ from addon.ui.start import show_bake
 from addon.viewport import overlay, views
 from addon.viewport.overlay import Show
 from fake_live import FakeLive
-from helpers import add_quad, settled, until, update
+from fake_solve import FakeJob, light
+from helpers import add_light, add_quad, settled, until, update
 
 
 @pytest.fixture
@@ -234,6 +237,50 @@ def test_undo_and_another_file_leave_nothing_behind(three, looks, tmp_path):
     assert shot.all_open() == [] and seen._attended is None
 
 
+def step_of_undo(name):
+    bpy.ops.ed.undo_push(message=name)
+
+
+def test_undo_and_redo_of_choosing_a_shot_show_what_is_chosen(three, looks):
+    scene, _ = three
+    looks()
+    step_of_undo("listed")
+    scene.relume_shots.active = 1
+    assert names() == ["Left"] and scene.camera.name == "Left"
+    step_of_undo("chosen")
+    bpy.ops.ed.undo()
+    assert bpy.context.scene.camera.name == "Camera" and names() == ["Camera"]
+    bpy.ops.ed.redo()
+    assert bpy.context.scene.camera.name == "Left" and names() == ["Left"]
+
+
+def test_undo_and_redo_of_a_list_keep_the_picture_that_is_shown(scene, registered_for_all_files, looks, tmp_path):
+    add_quad(scene)
+    scene.relume.folder = str(tmp_path / "bakes")
+    update()
+    put_bake(options_of(scene).folder)
+    show_bake(scene)
+    (found,) = shot.all_open()
+    step_of_undo("shown")
+    add_cameras(scene)
+    assert shot.all_open() == [found] and found.key == "Camera", "nothing is opened anew"
+    step_of_undo("listed")
+    for _ in range(2):
+        bpy.ops.ed.undo()
+        assert len(bpy.context.scene.relume_shots.items) == 0
+        assert shot.all_open() == [found] and found.key == ""
+        bpy.ops.ed.redo()
+        assert len(bpy.context.scene.relume_shots.items) == 3
+        assert shot.all_open() == [found] and found.key == "Camera"
+    scene = bpy.context.scene
+    put_bake(shot_list.all_shots(scene)[1].folder, "Left")
+    scene.relume_shots.active = 1
+    assert names() == ["Left"]
+    step_of_undo("chosen")
+    bpy.ops.ed.undo_history(item=0)
+    assert len(bpy.context.scene.relume_shots.items) == 0 and names() == ["Camera"]
+
+
 def test_the_view_under_the_mouse_comes_first(three):
     scene, _ = three
     open_all()
@@ -258,6 +305,73 @@ def test_a_view_draws_the_picture_of_its_own_camera(three):
     what = overlay.what_to_show(scene, space, region, space.region_3d)
     assert isinstance(what, Show) and what.first is open_shots.by_key(scene, "Left").frame
     assert what.title.startswith("Left")
+
+
+@pytest.fixture
+def solving_three(three, monkeypatch):
+    """A solve that has begun in the first of three shots that are seen, with a light that shines on the plane alone."""
+    scene, _ = three
+    monkeypatch.setattr(relume, "solve", FakeJob)
+    FakeJob.made.clear()
+    add_light(scene, "POINT", "Lamp", shadow_soft_size=0.2)
+    update()
+    open_all()
+    for live in FakeLive.made:
+        live.tell(samples=4, state="ready")
+        live.show()
+    open_all()
+    assert bpy.ops.relume.scribble(points=LINE, goal="brighter", amount=1.0) == {"FINISHED"}
+    return scene, *begin(scene)
+
+
+def newest():
+    """The newest request of each shot that was opened."""
+    return [live.requests[-1] for live in FakeLive.made]
+
+
+def test_all_views_follow_a_solve_and_then_show_the_present_lights_again(solving_three):
+    scene, solve, job = solving_three
+    lights = {"format": "relume-lights", "version": 1, "lights": [{"name": "Lamp"}, {"name": "New 1"}]}
+    job.previews.append({"lights": lights, "world": [0.5, 0.25, 0.125]})
+    assert solve.step()
+    first, *others = newest()
+    assert first["interactive"] and first["lights"] == lights and first["world"] == [0.5, 0.25, 0.125]
+    assert others == [first, first]
+    solve.cancel()
+    assert [[found["name"] for found in asked["lights"]] for asked in newest()] == [["Lamp"]] * 3
+
+
+def test_the_result_of_a_solve_is_in_all_views_before_it_is_a_look(solving_three):
+    scene, solve, job = solving_three
+    job.answer(changed=[light("Lamp")])
+    while solve.progress != (1.0, "Making the picture"):
+        assert solve.step()
+    assert [asked["interactive"] for asked in newest()] == [False, True, True]
+    assert [asked["lights"] for asked in newest()] == [job.result()["lights"]] * 3
+    finish(solve, FakeLive.made[0])
+    assert len(scene.relume_looks.items) == 2
+    assert not any("format" in asked["lights"] for asked in newest()), "the present lights"
+
+
+def test_a_view_follows_a_solve_by_what_its_own_bake_counts_and_was_of(solving_three, monkeypatch):
+    scene, solve, job = solving_three
+    left, right = open_shots.beside(scene)
+    own = open_shots.of(scene)
+    own.lights.receivers = ["Plane", "Ball", "Cone"]
+    left.lights, right.lights = copy(own.lights), copy(own.lights)
+    left.lights.receivers = ["Ball", "Plane", "Cone"]
+    right.lights.view_layer = "Other"
+    monkeypatch.setattr(own.changes, "world_gain", lambda: [2.0, 2.0, 2.0])
+    monkeypatch.setattr(left.changes, "world_gain", lambda: [1.0, 1.0, 1.0])
+    count = len(FakeLive.made[2].requests)
+    linked = [{"name": "Lamp", "receivers": {"receivers": [1]}}]
+    job.previews.append({"lights": {"lights": linked}, "world": [1.0, 0.5, 0.0]})
+    assert solve.step()
+    first, asked, _ = newest()
+    assert first["lights"]["lights"] == linked and first["world"] == [1.0, 0.5, 0.0]
+    assert asked["lights"]["lights"][0]["receivers"] == {"receivers": [0]}
+    assert asked["world"] == [0.5, 0.25, 0.0]
+    assert len(FakeLive.made[2].requests) == count, "of another view layer"
 
 
 def bake_three(scene):

@@ -3,16 +3,18 @@
 import json
 
 import bpy
+import numpy as np
 import pytest
 
 from addon.core.looks import LookError, from_json, to_json
+from addon.core.rows import is_neutral
 from addon.core.solve import SolveError
 from addon.engine.solve import solving
 from addon.export.current_shot import entries
 from addon.live import rows
 from addon.ui import looks, mixer
 from addon.ui.solve import operators
-from helpers import row, update
+from helpers import add_world, background, row, update
 
 pytestmark = pytest.mark.every_version
 
@@ -135,10 +137,86 @@ def test_damaged_values_of_shots_are_named(listed, shots):
         from_json(json.dumps(text | {"version": 2, "shots": shots}))
 
 
-def test_what_all_shots_share_is_not_written_by_one(listed, monkeypatch):
-    dial(listed, "Close", exposure=-1.0)
-    with pytest.raises(RuntimeError, match="values of their own in 'Close'"):
+def shining(scene):
+    """What shines in each shot: energies of lights that are not hidden, times gains."""
+    lights = {light.name: light for light in scene.objects if light.type == "LIGHT"}
+    found = {}
+    for entry in entries(scene):
+        gains = rows.mix(scene, lights, entry.key)["gains"]
+        for name, light in lights.items():
+            power = np.array(light.data.color) * light.data.energy * np.array(gains[name])
+            found[entry.name, name] = tuple(power * (not light.hide_render))
+    return found
+
+
+def test_applying_keeps_the_light_of_every_shot(listed):
+    row(listed, "Key").exposure = 1.0
+    row(listed, "Fill").multiplier = 3.0
+    group = row(listed, "Rig", "GROUP")
+    group.exposure = -1.0
+    dial(listed, "Close", exposure=-1.0, color=(1.0, 0.5, 0.25))
+    dial(listed, "Top", on=False)
+    rows.give_own_values(group, "Close", group.values())
+    rows.own_values(group, "Close").exposure = 2.0
+    before, energy = shining(listed), bpy.data.lights["Key"].energy
+    assert bpy.ops.relume.apply_to_lights() == {"FINISHED"}
+    assert bpy.data.lights["Key"].energy == pytest.approx(2.0 * energy)
+    assert all(is_neutral(found.values()) for found in rows.present_rows(listed))
+    after = shining(listed)
+    assert {place: pytest.approx(light, rel=1e-5) for place, light in before.items()} == after
+    assert gains(listed) == pytest.approx({"Camera": 1.0, "Close": 0.25, "Top": 0.0})
+    assert gains(listed, "Fill") == pytest.approx({"Camera": 1.0, "Close": 8.0, "Top": 1.0})
+    assert len(group.own) == 0 and [own.shot for own in row(listed, "Fill").own] == ["Close"]
+    assert bpy.ops.relume.apply_to_lights() == {"FINISHED"}
+    assert shining(listed) == after, "there was nothing more to write"
+
+
+def test_applying_leaves_alone_what_only_single_shots_have(listed):
+    row(listed, "Key").exposure = 1.0
+    choose(listed, "Close")
+    bpy.ops.relume.copy_for_shot(light="Key")
+    row(listed, "Fill").color = (1.0, 0.0, 0.0)
+    dial(listed, "Top", "Fill", color=(1.0, 1.0, 0.0), exposure=2.0)
+    before = shining(listed)
+    assert mixer.apply_to_lights(listed) == ["Fill", "Key Close"]
+    after = shining(listed)
+    assert {place: pytest.approx(light, rel=1e-5) for place, light in before.items()} == after
+    assert not bpy.data.objects["Key Close"].hide_render and not row(listed, "Key Close").on
+    assert tuple(row(listed, "Fill").color) == (1.0, 0.0, 0.0) and row(listed, "Fill").shown("Top").exposure == 2.0
+
+
+def test_applying_keeps_the_world_and_emissive_materials_of_every_shot(listed):
+    add_world(listed)
+    rows.sync(listed)
+    world, static = row(listed, "World", "WORLD"), row(listed, "Emissive Materials", "STATIC")
+    world.exposure, static.exposure = 1.0, 1.0
+    for found, exposure in ((world, 3.0), (static, -1.0)):
+        rows.give_own_values(found, "Top", found.values())
+        rows.own_values(found, "Top").exposure = exposure
+    strength = background(listed).inputs["Strength"].default_value
+    assert mixer.apply_to_lights(listed) == []
+    assert background(listed).inputs["Strength"].default_value == pytest.approx(2.0 * strength)
+    found = {entry.name: rows.mix(listed, [], entry.key) for entry in entries(listed)}
+    assert [mix["world"][0] for mix in found.values()] == pytest.approx([1.0, 1.0, 4.0])
+    assert [mix["static"][0] for mix in found.values()] == pytest.approx([2.0, 2.0, 0.5])
+    world.on = False
+    rows.own_values(world, "Top").exposure = 1.0
+    assert mixer.apply_to_lights(listed) == ["World"]
+    assert background(listed).inputs["Strength"].default_value == pytest.approx(2.0 * strength)
+    assert not world.on and rows.mix(listed, [], "Top")["world"][0] == pytest.approx(8.0)
+
+
+def test_lights_that_share_data_are_not_written_where_one_is_kept(listed):
+    row(listed, "Key").exposure = 1.0
+    choose(listed, "Close")
+    bpy.ops.relume.copy_for_shot(light="Key")
+    bpy.data.objects["Key Close"].data = bpy.data.lights["Key"]
+    with pytest.raises(RuntimeError, match="share the data 'Key' and have different rows"):
         bpy.ops.relume.apply_to_lights()
+
+
+def test_a_solve_is_about_all_shots(listed, monkeypatch):
+    dial(listed, "Close", exposure=-1.0)
     monkeypatch.setattr(solving, "ready_shot", lambda _: None)
     with pytest.raises(SolveError, match="'Close'"):
         operators.begin(listed)

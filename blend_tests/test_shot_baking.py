@@ -12,10 +12,11 @@ import relume
 
 from addon import shot_commands
 from addon.commands import run
+from addon.core import bake_goal
 from addon.core.bake_folder import is_bake, size_of
 from addon.engine.reading.scene import load_scene_for
 from addon.engine.shot import background, shot, shot_list
-from addon.engine.shot.options import remembered_bake
+from addon.engine.shot.options import preferences, remembered_bake
 from addon.export.active_camera import asks_for_camera
 from addon.export.current_shot import entries
 from addon.ui import background as ui
@@ -278,11 +279,53 @@ def test_all_shots_are_baked_in_the_background_and_failures_are_named(shots, tmp
     assert [entry["name"] for entry in listed] == ["Right"]
 
 
+@pytest.fixture
+def commands(monkeypatch):
+    """What other Blenders are started for."""
+    found, plain = [], background.blender_command
+
+    def noted(blend, arguments):
+        found.append(arguments)
+        return plain(blend, arguments)
+
+    monkeypatch.setattr(background, "blender_command", noted)
+    return found
+
+
+@pytest.mark.oldest_and_newest
+def test_shots_of_one_scene_are_traced_by_one_blender(shots, commands, tmp_path):
+    preferences().train_seconds = 0.5
+    bpy.ops.relume.bake_all()
+    batch = background.batch_of(shots)
+    assert (batch.job.present, batch.job.ahead) == ("Camera", 0)
+    assert end(shots).baked == ["Camera", "Left", "Right"] and batch.failures == {}
+    assert [command[0] for command in commands] == ["bake", "train", "train", "bake", "train"]
+    assert json.loads(commands[0][commands[0].index("--folders") + 1]).keys() == {"Camera", "Left"}
+    assert "Right" in commands[3], "another frame is another scene"
+    for name in ("Camera", "Left"):
+        alone, folder = tmp_path / f"alone_{name}", tmp_path / "bake" / f"Scene_{name}"
+        assert run(["bake", "--out", str(alone), "--camera", name, "--samples", "4", "--quiet"]) == 0
+        assert paths(folder) == paths(alone) and list(folder.glob("proxy_*")), name
+        assert remembered_bake(shots, name) == folder and bake_goal.read(folder) is None, "nothing is left to do"
+
+
+def test_one_that_fails_beside_others_is_named_and_tried_alone(shots, commands, tmp_path):
+    entries(shots)[2].use_frame = False
+    blocked = tmp_path / "bake" / "Scene_Left" / "manifest.json"
+    blocked.mkdir(parents=True)
+    bpy.ops.relume.bake_all()
+    batch = end(shots)
+    assert batch.baked == ["Camera", "Right"] and batch.failures.keys() == {"Left"}
+    assert "manifest.json" in batch.failures["Left"]
+    assert [command.count("--folders") for command in commands] == [1, 0]
+
+
 def test_a_job_that_fails_leaves_the_rest_of_its_batch(shots, tmp_path, monkeypatch):
     plain = background.blender_command
 
     def broken(blend, arguments):
-        return [sys.executable, "-c", "print('Error: no'); exit(1)"] if "Left" in arguments else plain(blend, arguments)
+        fails = "--folders" in arguments or "Left" in arguments
+        return [sys.executable, "-c", "print('Error: no'); exit(1)"] if fails else plain(blend, arguments)
 
     monkeypatch.setattr(background, "blender_command", broken)
     bpy.ops.relume.bake_all()
@@ -291,7 +334,22 @@ def test_a_job_that_fails_leaves_the_rest_of_its_batch(shots, tmp_path, monkeypa
     assert {"Left", "Right"} <= stopped.failures.keys() and "start it again" in stopped.failures["Right"]
     bpy.ops.relume.bake_all()
     batch = end(shots)
-    assert batch.baked == ["Camera", "Right"] and batch.failures == {"Left": "Error: no"}
+    assert batch.baked == ["Right"] and batch.failures == {"Camera": "Error: no", "Left": "Error: no"}
+
+
+def test_a_shot_that_was_traced_is_kept_where_its_blender_crashes_at_the_next(shots, tmp_path, monkeypatch):
+    assert run(["bake", "--shots", "Camera", "--quiet"]) == 0
+    plain = background.blender_command
+    told = {"event": "progress", "stage": "shots", "done": 1, "total": 2, "message": "Left", "baked": ["Camera"]}
+    crash = f"print({json.dumps(json.dumps(told))}, flush=True); import os; os.abort()"
+
+    def broken(blend, arguments):
+        return [sys.executable, "-c", crash] if "--folders" in arguments else plain(blend, arguments)
+
+    monkeypatch.setattr(background, "blender_command", broken)
+    bpy.ops.relume.bake_all()
+    batch = end(shots)
+    assert batch.baked == ["Camera", "Left", "Right"] and batch.failures == {}
     assert shot.of(shots).folder == tmp_path / "bake" / "Scene_Camera", "the current shot is shown"
 
 

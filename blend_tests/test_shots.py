@@ -65,6 +65,17 @@ def test_without_a_list_a_scene_has_the_folder_that_it_always_had(cameras, tmp_p
     assert folders[1] == tmp_path / "bakes" / "Scene_Close"
 
 
+def test_what_is_added_is_returned_as_it_lies_in_the_list(cameras):
+    for number in range(12):
+        camera = bpy.data.objects.new(f"More {number}", bpy.data.cameras.new("More"))
+        cameras.collection.objects.link(camera)
+        cameras.timeline_markers.new(f"Marker {number}", frame=number).camera = camera
+    for add in (shot_list.add_from_markers, shot_list.add_cameras):
+        before = len(entries(cameras))
+        added = add(cameras)
+        assert [it.as_pointer() for it in added] == [it.as_pointer() for it in entries(cameras)[before:]]
+
+
 def test_cameras_are_added_once_and_only_those_of_the_scene(cameras):
     bpy.data.objects.new("Deleted", bpy.data.cameras.new("Deleted")).use_fake_user = True
     assert bpy.ops.relume.add_cameras() == {"FINISHED"}

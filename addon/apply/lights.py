@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import bpy
 
-from ..core.rows import LIGHT, NEUTRAL, Row, mix
+from ..core.rows import LIGHT, NEUTRAL, WORLD, Row, mix
 from .world import WorldWrite
 from .writable import RefusedError, why_not
 
@@ -52,24 +51,30 @@ def apply_mix(
     groups: Iterable[Row],
     memberships: Mapping[str, Iterable[str]],
     shown_anyway: Container[str] = (),
-) -> dict[str, Any]:
-    """Writes the mix into the light objects and the world, and returns it: of what it holds only "static" is still to
-    be kept as a row. A light without any gain keeps its energy and is hidden from render and viewport; one of
-    `shown_anyway` cannot be, as nodes or particles instance it.
+    kept: Container[Row] = (),
+) -> None:
+    """Writes the mix into the light objects and the world; what emissive materials have is still to be kept as a row.
+    A light without any gain keeps its energy and is hidden from render and viewport; one of `shown_anyway` cannot be,
+    as nodes or particles instance it. What rows of `kept` are about stays as it is.
     Raises RefusedError, and has then written nothing."""
     rows = list(rows)
+    kept_lights = {row.name for row in rows if row.kind == LIGHT and row in kept}
     kelvins = {
         row.name: row.kelvin
         for row in rows
-        if row.kind == LIGHT and row.use_kelvin and not getattr(lights[row.name].data, "use_temperature", True)
+        if row.kind == LIGHT
+        and row.use_kelvin
+        and row not in kept
+        and not getattr(lights[row.name].data, "use_temperature", True)
     }
     applied = mix(rows, groups, memberships)
     without = [replace(row, use_kelvin=row.use_kelvin and row.name not in kelvins) for row in rows]
-    gains = mix(without, groups, memberships)["gains"]
+    gains = mix(without, groups, memberships)["gains"] | dict.fromkeys(kept_lights, NEUTRAL)
     silent = {name: obj for name, obj in lights.items() if not any(gains[name])}
     hidden = [obj for obj in silent.values() if not _is_hidden(obj)]
     writes = [_LightWrite(obj, gains[name], kelvins.get(name)) for name, obj in lights.items() if any(gains[name])]
-    world = WorldWrite(scene.world, applied["world"])
+    keeps_world = any(row.kind == WORLD and row in kept for row in rows)
+    world = WorldWrite(scene.world, NEUTRAL if keeps_world else applied["world"])
     refusals = [*(write.refusal() for write in writes), *map(_hide_refusal, hidden), world.refusal()]
     reasons = [reason for reason in refusals if reason] + _quarrels(writes)
     reasons += [f"light '{name}' {NOT_HIDDEN}" for name in silent if name in shown_anyway]
@@ -80,7 +85,6 @@ def apply_mix(
     for obj in hidden:
         obj.hide_render = obj.hide_viewport = True
     world.write()
-    return applied
 
 
 def show(obj: bpy.types.Object, view_layer: bpy.types.ViewLayer) -> None:

@@ -43,6 +43,11 @@ class ListedShot:
     is_foreign: bool = False
     """True for a bake of another scene or file, which is shown and never written."""
 
+    @property
+    def state(self) -> tuple[int | None, str, tuple[int, int] | None]:
+        """All that its scene depends on but for the camera."""
+        return self.frame, self.layer, self.size
+
 
 def free_name(name: str, taken: Collection[str]) -> str:
     """The name, with a number behind it as Blender does where another shot has it."""

@@ -10,7 +10,7 @@ from ..core.phase import ShotPhase
 from ..core.shots import AUTOMATIC
 from ..engine.shot import open_shots, shot_list
 from ..engine.shot import shot as shots
-from ..export.current_shot import active_entry, current_entry, shot_camera
+from ..export.current_shot import active_entry, current_entry, entries, shot_camera
 from . import opening
 from .scheduler import scheduler
 
@@ -33,6 +33,7 @@ def follow(scene: bpy.types.Scene) -> None:
 
 def show(scene: bpy.types.Scene) -> None:
     """Shows the bake of the current shot, or nothing where it has none. A bake under way is left alone."""
+    adopt(scene)
     opened, entry = shots.of(scene), current_entry(scene)
     if entry is None or (opened is not None and (_is_baking(opened) or opened.key == entry.key)):
         return
@@ -40,10 +41,28 @@ def show(scene: bpy.types.Scene) -> None:
         open_shots.add_current(beside)
         scheduler.wake()
     elif shot_list.baked_folder(scene, entry) is not None:
-        if opening.open_stored(scene) is not None:
-            scheduler.read_lights(scene)
+        _show_stored(scene)
     elif opened is not None:
         opened.close()
+
+
+def after_undo(scene: bpy.types.Scene) -> None:
+    """Shows the current shot again where undo or redo has chosen another one, or has taken a list or brought it
+    back."""
+    opened = shots.of(scene)
+    if opened is None:
+        return
+    if opened.key not in {AUTOMATIC, *(entry.key for entry in entries(scene))}:
+        _name(opened, AUTOMATIC)
+        if not entries(scene) and not _is_baking(opened) and not _is_of_camera(scene, opened):
+            opened.close()
+            _show_stored(scene)
+    show(scene)
+
+
+def _show_stored(scene: bpy.types.Scene) -> None:
+    if opening.open_stored(scene) is not None:
+        scheduler.read_lights(scene)
 
 
 def _is_baking(opened: shots.Shot) -> bool:
@@ -51,8 +70,19 @@ def _is_baking(opened: shots.Shot) -> bool:
     return opened.is_working and not (opened.phase is ShotPhase.PREPARING and opened.is_recorded)
 
 
+def _is_of_camera(scene: bpy.types.Scene, opened: shots.Shot) -> bool:
+    return scene.camera is not None and opened.recognises(scene.camera)
+
+
 def adopt(scene: bpy.types.Scene) -> None:
-    """Takes the open shot of a scene that had no list for the one that its camera has in the new list."""
+    """Takes the open shot of a scene that had no list for the one that its camera has in the list, unless that has a
+    bake elsewhere."""
     opened, entry = shots.of(scene), current_entry(scene)
-    if opened is not None and entry is not None and opened.key == AUTOMATIC:
-        opened.options = dataclasses.replace(opened.options, shot=entry.key)
+    if opened is None or entry is None or opened.key != AUTOMATIC or not _is_of_camera(scene, opened):
+        return
+    if _is_baking(opened) or shot_list.baked_folder(scene, entry) in {None, opened.folder}:
+        _name(opened, entry.key)
+
+
+def _name(opened: shots.Shot, key: str) -> None:
+    opened.options = dataclasses.replace(opened.options, shot=key)

@@ -11,7 +11,7 @@ from ..engine.reading.render_depsgraph import on_render_init, remove_copies
 from ..engine.shot import open_shots
 from ..engine.shot import shot as shots
 from ..engine.shot.options import preferences, remember_bake, remembered_bake
-from . import opening, rows, seen
+from . import follow, opening, rows, seen
 from .scheduler import IDLE_SECONDS, scheduler
 
 EXIT_SECONDS = 5.0
@@ -73,11 +73,12 @@ def on_undo(*_arguments) -> None:
 
 
 def read_forgotten() -> None:
-    """Reads lights anew where no update of their scene has had them read since undo, and asks for what has become of
-    the rows."""
+    """Shows the shots that are current since undo, reads lights anew where no update of their scene has had them read
+    since then, and asks for what has become of the rows."""
     # A scene that no window shows is not evaluated again before it is shown; its old state may hold data that undo has
     # freed.
     for scene in {window.scene for window in bpy.context.window_manager.windows}:
+        follow.after_undo(scene)
         found = open_shots.lights_of(scene)
         if any(lights.is_forgotten for lights in found):
             scheduler.read_lights(scene)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..apply.lights import apply_mix, show
 from ..apply.writable import RefusedError
-from ..core.rows import GROUP, LIGHT, STATIC, Row, is_neutral
+from ..core.applied_rows import AppliedRows, applied
+from ..core.rows import GROUP, LIGHT, Row, is_neutral
+from ..core.words import listed
 from ..engine.reading.visibility import hidden_by
 from ..engine.shot import shot
 from ..export.current_shot import current_entry
@@ -42,24 +43,36 @@ FIGURES = 72
 """Pixels of exposure, colour and lock. A row alone would shrink the exposure below its digits."""
 
 
-def apply_to_lights(scene: bpy.types.Scene) -> None:
-    """Writes the mix into the lights and makes the rows neutral: the picture stays. What emissive materials have
-    cannot be written, so their row keeps it. Raises RefusedError."""
+def apply_to_lights(scene: bpy.types.Scene) -> list[str]:
+    """Writes the mix into the lights and makes the rows neutral: the picture stays, also in shots where rows have
+    values of their own. What emissive materials have cannot be written, so their row keeps it. Returns the names of
+    lights whose rows keep their values, since these are of single shots alone. Raises RefusedError."""
     rows.sync(scene)
-    if own := rows.shots_with_own_values(scene, rows.present_rows(scene)):
-        names = ", ".join(f"'{entry.name}'" for entry in own)
-        raise RefusedError([f"rows have values of their own in {names}, and a light shines alike in all shots"])
     lines = {name_of(line.block): line for line in light_tree(scene) if line.kind == LIGHT}
     named, instanced = {name for name, line in lines.items() if line.is_named}, _instanced(scene)
     shown_anyway = named if instanced is None else named & instanced
     lights = {name: line.block for name, line in lines.items()}
-    applied = apply_mix(scene, lights, *rows.plain(scene), shown_anyway=shown_anyway)
-    for row in rows.present_rows(scene):
-        values = row.values()
-        is_static = row.kind == STATIC
-        row.take(replace(values, solo=False, on=any(applied["static"])) if is_static else Row(row.name))
+    common, shots = rows.plain(scene), rows.shots_with_own_values(scene, rows.present_rows(scene))
+    outcome = applied(common, {entry.key: rows.plain(scene, entry.key) for entry in shots})
+    apply_mix(scene, lights, *common, shown_anyway=shown_anyway, kept=outcome.kept)
+    _take_applied(scene, outcome)
     rows.sync(scene)
     scheduler.read_lights(scene)
+    return [row.name for row in outcome.kept]
+
+
+def _take_applied(scene: bpy.types.Scene, outcome: AppliedRows) -> None:
+    """Sets what is left of the rows."""
+    present = rows.present_rows(scene)
+    # As `rows.plain` has them.
+    present.sort(key=lambda row: row.kind == GROUP)
+    for place, (row, values) in enumerate(zip(present, outcome.common, strict=True)):
+        row.take(values)
+        for key, found in outcome.own.items():
+            if row.kind == GROUP or (found[place] == values and rows.own_values(row, key) is None):
+                rows.drop_own_values(row, key)
+            else:
+                rows.give_own_values(row, key, found[place])
 
 
 def _instanced(scene: bpy.types.Scene) -> set[str] | None:
@@ -130,7 +143,7 @@ def show_light(context: bpy.types.Context, name: str) -> str | None:
 class RELUME_OT_apply(bpy.types.Operator):  # noqa: N801 -- Blender's naming
     """Write the rows into the energy and colour of the real lights and make the rows neutral; the picture stays. \
 Lights that are off or not soloed keep their energy and are hidden in renders and views; a world that is off gets \
-strength 0. One undo step"""
+strength 0. What rows have in single shots stays, beside what was written. One undo step"""
 
     bl_idname = "relume.apply_to_lights"
     bl_label = "Apply to Lights"
@@ -139,11 +152,13 @@ strength 0. One undo step"""
     def execute(self, context):
         """Called by Blender."""
         try:
-            apply_to_lights(context.scene)
+            kept = apply_to_lights(context.scene)
         except RefusedError as error:
             for reason in error.reasons:
                 self.report({"ERROR"}, f"Nothing was written: {reason}")
             return {"CANCELLED"}
+        if kept:
+            self.report({"INFO"}, f"Still in rows, as only single shots have that light: {listed(kept)}")
         return {"FINISHED"}
 
 

@@ -45,7 +45,9 @@ class BackgroundJob:
         self.done = False
         self._stopped = False
         self._copy, self._steps = copy, steps
-        self._start_next()
+        self._worker: Worker | None = None
+        if steps:
+            self._start_next()
 
     @property
     def is_running(self) -> bool:
@@ -71,7 +73,8 @@ class BackgroundJob:
         """Takes the output of the other Blender; returns True if there was any."""
         if not self.is_running:
             return False
-        ended, events = self._worker.ended, self._worker.events()
+        worker = self._worker
+        ended, events = (True, []) if worker is None else (worker.ended, worker.events())
         for event in events:
             self._take(event)
         if ended:
@@ -88,13 +91,18 @@ class BackgroundJob:
             self.result = event
 
     def _next_step(self) -> None:
-        if self._worker.code != 0:
-            self.error = STOPPED if self._stopped else self._worker.failure()
-        else:
+        self.error = self._failure()
+        if not self.error:
             try:
                 self._go_on()
             except (OSError, ValueError, KeyError) as error:
                 self.error = f"it could not go on: {error}"
+
+    def _failure(self) -> str:
+        """Why the step that has ended failed; empty if it went well."""
+        if self._worker is None or self._worker.code == 0:
+            return ""
+        return STOPPED if self._stopped else self._worker.failure()
 
     def _go_on(self) -> None:
         """Starts what follows a step that went well; there may be nothing."""
@@ -113,22 +121,41 @@ class BackgroundJob:
         """Asks the other Blender to end; what is there stays."""
         self._stopped = True
         self._steps.clear()
-        self._worker.stop()
+        if self._worker is not None:
+            self._worker.stop()
 
     def close(self) -> None:
         """Ends it at once. Files are whole at every moment."""
         self._stopped = True
-        self._worker.kill()
-        self._worker.events()
+        if self._worker is not None:
+            self._worker.kill()
+            self._worker.events()
         self.error = self.error or STOPPED
 
 
 class BackgroundBake(BackgroundJob):
-    """The bake of one shot: tracing first, then a training for each type of light."""
+    """The bake of one shot: tracing first, then a training for each type of light. The Blender that traces it may trace
+    others beside it, as it has read their scene."""
 
-    def __init__(self, scene_uid: int, scene_name: str, wanted: ListedShot, options: Options, copy: SavedCopy):
-        self.options, self.wanted, self._is_traced = options, wanted, False
-        super().__init__(scene_uid, scene_name, options.folder, [self._bake_arguments(scene_name)], copy)
+    def __init__(
+        self,
+        scene_uid: int,
+        scene_name: str,
+        wanted: ListedShot,
+        options: Options,
+        copy: SavedCopy | None,
+        beside: tuple[ListedShot, ...] = (),
+    ):
+        """`copy` is None for a shot that was traced `beside` another one."""
+        self.options, self.wanted, self._is_traced = options, wanted, copy is None
+        self._beside = beside
+        self.traced: set[str] = set()
+        """Names of the shots that its Blender has traced."""
+        self.present, self.ahead = wanted.name, 0
+        """Name of the shot that is being baked, and how many its Blender has left behind."""
+        self._failures: dict[str, str] = {}
+        steps = self._training() if copy is None else [self._bake_arguments(scene_name)]
+        super().__init__(scene_uid, scene_name, options.folder, steps, copy)
 
     @property
     def title(self) -> str:
@@ -147,28 +174,40 @@ class BackgroundBake(BackgroundJob):
         """Words that say where the bake is."""
         return f"The background bake is ready in '{self.folder}'"
 
+    def _take(self, event: dict[str, Any]) -> None:
+        if "baked" in event:
+            self.traced, self._failures = set(event["baked"]), event.get("failed", {})
+        if event.get("stage") == "shots":
+            self.present, self.ahead = event["message"], event["done"]
+        else:
+            super()._take(event)
+
+    def _failure(self) -> str:
+        if self._is_traced or self._stopped:
+            return super()._failure()
+        is_traced = self.wanted.name in self.traced
+        return "" if is_traced else self._failures.get(self.wanted.name) or super()._failure()
+
     def _go_on(self) -> None:
         if not self._is_traced:
-            self._is_traced = True
-            self._steps += [self._train_arguments(kind) for kind in self._kinds()]
-            bake_goal.BakeGoal(self.options.samples, self.options.train_seconds).write(self.folder)
+            self._is_traced, self.present, self.ahead = True, self.wanted.name, 0
+            self._steps += self._training()
         if not self._steps:
             bake_goal.forget(self.folder)
         super()._go_on()
 
     def _bake_arguments(self, scene_name: str) -> list[str]:
-        options = self.options
-        return [
-            *("bake", "--out", str(options.folder), "--scene", scene_name),
-            *shot_list.arguments(self.wanted),
-            "--samples",
-            str(options.samples),
-            "--resume",
-            "--replace",
-            "--json",
-            "--threads",
-            str(options.threads),
-        ]
+        options, found = self.options, (self.wanted, *self._beside)
+        folders = json.dumps({shot.name: str(shot.folder) for shot in found})
+        alone = ["--out", str(options.folder), *shot_list.arguments(self.wanted), "--samples", str(options.samples)]
+        what = ["--folders", folders] if self._beside else alone
+        how = ["--resume", "--replace", "--json", "--threads", str(options.threads)]
+        return ["bake", "--scene", scene_name, *what, *how]
+
+    def _training(self) -> list[list[str]]:
+        """Commands that learn what is traced; notes what is wanted, for who goes on where they are interrupted."""
+        bake_goal.BakeGoal(self.options.samples, self.options.train_seconds).write(self.options.folder)
+        return [self._train_arguments(kind) for kind in self._kinds()]
 
     def _train_arguments(self, kind: str) -> list[str]:
         options = self.options
@@ -180,7 +219,7 @@ class BackgroundBake(BackgroundJob):
         """Types of light that the baked scene has."""
         if self.options.train_seconds <= 0.0:
             return []
-        lights = json.loads((self.folder / LIGHTS_FILE).read_text(encoding="utf-8"))["lights"]
+        lights = json.loads((self.options.folder / LIGHTS_FILE).read_text(encoding="utf-8"))["lights"]
         shapes = {light["shape"]["type"] for light in lights}
         return [kind for shape, kind in KINDS.items() if shape in shapes]
 
@@ -193,6 +232,8 @@ class Batch:
         self.waiting, self.count = wanted, len(wanted)
         self.baked: list[str] = []
         """Names of the shots that are done."""
+        self.traced: set[str] = set()
+        """Names of those that need only be learned: a Blender has traced them beside another one."""
         self.failures: dict[str, str] = {}
         """Errors by the names of the shots."""
         self.job: BackgroundBake | None = None
@@ -233,6 +274,7 @@ class Batch:
         return self._copy
 
     def _note(self, job: BackgroundBake) -> None:
+        self.traced |= job.traced
         if job.error:
             self.failures[job.wanted.name] = job.error
         else:
@@ -263,9 +305,13 @@ _batches: list[Batch] = []
 
 
 def _begin(batch: Batch, wanted: ListedShot, options: Options) -> BackgroundBake:
-    """Starts the job of one shot; it replaces the last one of its scene, if that has ended."""
+    """Starts the job of one shot; it replaces the last one of its scene, if that has ended. Those that wait and may
+    have the same scene are traced with it."""
     _forget_jobs(batch.scene_uid)
-    job = BackgroundBake(batch.scene_uid, batch.name, wanted, options, batch.copy())
+    copy = None if wanted.name in batch.traced else batch.copy()
+    alike = (shot for shot, _ in batch.waiting if shot.state == wanted.state and shot.name not in batch.traced)
+    beside = tuple(alike) if copy is not None else ()
+    job = BackgroundBake(batch.scene_uid, batch.name, wanted, options, copy, beside)
     _jobs.append(job)
     return job
 

@@ -146,7 +146,12 @@ def add_cameras(scene: bpy.types.Scene) -> list[Any]:
     cameras = [obj for obj in scene.objects if obj.type == "CAMERA" and obj not in known]
     # First the one that the scene has: the bake that is there is of it.
     cameras.sort(key=lambda camera: (camera != scene.camera, camera.name))
-    return [add(scene, camera.name, camera) for camera in cameras]
+    return _entries(scene, [add(scene, camera.name, camera).key for camera in cameras])
+
+
+def _entries(scene: bpy.types.Scene, keys: list[str]) -> list[Any]:
+    """The entries of keys. Adding moves entries in memory, so that those before are no longer what `add` returned."""
+    return [entry for entry in entries(scene) if entry.key in keys]
 
 
 def add_from_markers(scene: bpy.types.Scene) -> list[Any]:
@@ -157,7 +162,8 @@ def add_from_markers(scene: bpy.types.Scene) -> list[Any]:
     fixed = [(shot_camera(entry), entry.frame) for entry in scene.relume_shots.items if entry.use_frame]
     known = {(camera.name, frame) for camera, frame in fixed if camera is not None}
     found = shots.shots_of_markers([marker for marker in markers if marker.camera in cameras], known)
-    return [add(scene, marker.name or marker.camera, cameras[marker.camera], marker.frame) for marker in found]
+    keys = [add(scene, marker.name or marker.camera, cameras[marker.camera], marker.frame).key for marker in found]
+    return _entries(scene, keys)
 
 
 def add_view_layers(scene: bpy.types.Scene) -> list[Any]:
@@ -174,8 +180,7 @@ def add_view_layers(scene: bpy.types.Scene) -> list[Any]:
             entry = add(scene, layer, camera)
             entry.layer = layer
             added.append(entry.key)
-    # Adding moves entries in memory.
-    return [entry for entry in entries(scene) if entry.key in added]
+    return _entries(scene, added)
 
 
 def add_bake(scene: bpy.types.Scene, folder: Path) -> Any:

@@ -27,7 +27,7 @@ from ...export.target import resized
 from ..shot import requests
 from ..shot import shot as shots
 from ..workers.pictures import Reading
-from . import handle, new_paths, region_masks, target_image
+from . import handle, new_paths, previews, region_masks, target_image
 from .request import TARGET, inputs_of
 from .stroke_shots import views_of
 
@@ -158,6 +158,7 @@ class Solving:
         self.progress = (1.0, "Making the picture")
         request = core.picture_request(answer, self._content["static"])
         text = json.dumps(request | {"interactive": False})
+        previews.show_beside(self.scene(), self.shot, request)
         frame = yield from self._picture(text)
         result = Result(answer, self._content, self._request, text, frame, self._before_frame)
         self.entry = yield from self._hooks.keep(self, result)
@@ -272,9 +273,10 @@ class Solving:
             self.progress = (share, f"{words or STAGES.get(report['stage'], 'Solving')}, {so_far}")
 
     def _show_preview(self, preview: dict[str, Any]) -> None:
-        """Shows the best lights and world so far."""
+        """Shows the best lights and world so far, in all views that show shots."""
         request = core.picture_request(preview, self._content["static"])
         self.shot.ask(requests.kept_request(json.dumps(request | {"interactive": True})))
+        previews.show_beside(self.scene(), self.shot, request)
         self._hooks.wake()
 
     def _picture(self, request: str) -> Generator[None, None, Any]:

@@ -52,7 +52,7 @@ def _mark(scene: bpy.types.Scene, entry: Any) -> str:
     """Icon for the state of a shot."""
     batch, opened = background.batch_of(scene), open_shots.by_key(scene, entry.key)
     if batch is not None and batch.is_running:
-        if batch.job is not None and batch.job.wanted.key == entry.key:
+        if batch.job is not None and batch.job.present == entry.name:
             return "RENDER_ANIMATION"
         if any(waiting.key == entry.key for waiting, _ in batch.waiting):
             return "SORTTIME"
@@ -218,10 +218,10 @@ def _draw_baking(layout, scene) -> None:
     if batch is None or not batch.is_running:
         layout.operator("relume.bake_all", icon="RENDER_STILL")
         return
-    number = batch.count - len(batch.waiting)
     if batch.job is not None:
+        number = batch.count - len(batch.waiting) + batch.job.ahead
         factor, text = progress(batch.job)
-        layout.label(text=f"Shot {number} of {batch.count}: {batch.job.wanted.name}")
+        layout.label(text=f"Shot {number} of {batch.count}: {batch.job.present}")
         row = layout.row(align=True)
         row.progress(factor=factor, text=text)
         row.operator("relume.stop_baking", text="", icon="X")

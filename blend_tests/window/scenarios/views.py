@@ -1,6 +1,6 @@
 """Four shots are laid out in four views: all follow one dragged light, each becomes its own relight, one solve meets a
-stroke in each, and the views are put together again. Measures how much later the active picture is beside the
-others."""
+stroke in each and is seen in all of them, and the views are put together again. The list, a choice, the solve and what
+is applied are undone and redone. Measures how much later the active picture is beside the others."""
 
 import json
 import time
@@ -30,6 +30,14 @@ def drag(driver, lamp, found):
     return float(np.mean(delays))
 
 
+def go_back(driver, steps=1, forth=False):
+    """Undoes or redoes steps, as Ctrl+Z in the view does."""
+    with driver.within():
+        for _ in range(steps):
+            (bpy.ops.ed.redo if forth else bpy.ops.ed.undo)()
+    yield from driver.drawn()
+
+
 def play(driver):
     """See the first line of this file."""
     yield from driver.open("demo.blend")
@@ -43,8 +51,21 @@ def play(driver):
         add_camera(scene, name, right, up)
     open_shots, live = addon("engine.shot.open_shots"), addon("live.scheduler").scheduler
 
+    def listed():
+        return [(entry.name, entry.camera.name) for entry in scene.relume_shots.items]
+
+    with driver.step("list"):
+        bpy.ops.ed.undo_push(message="Cameras")
+        bpy.ops.relume.add_cameras("EXEC_DEFAULT", True)  # As its button, with a step of undo.
+        added = listed()
+        yield from go_back(driver)
+        scene = bpy.context.scene
+        driver.check(not listed(), f"undo takes the list away: {listed()}")
+        yield from go_back(driver, forth=True)
+        scene = bpy.context.scene
+        driver.check(len(added) == 4 and listed() == added, f"redo brings it back: {listed()}")
+
     with driver.step("bake"):
-        bpy.ops.relume.add_cameras()
         bpy.ops.relume.bake_all()
         batch = addon("engine.shot.background").batch_of(scene)
         yield from driver.until(lambda: not batch.is_running, "all bakes", BAKE_SECONDS)
@@ -57,11 +78,25 @@ def play(driver):
         return not live.settling and all(found.frame is not None and not found.is_busy for found in shots())
 
     lamp = max((obj for obj in scene.objects if obj.type == "LIGHT"), key=lambda obj: obj.data.energy)
+    lamp_name = lamp.name
     with driver.step("alone"):
         scene.relume_shots.active = 0
         yield from driver.until(lambda: shots() and rest(), "the current picture", 200)
         alone = yield from drag(driver, lamp, open_shots.of(scene))
         yield from driver.until(rest, "rest", 200)
+
+    with driver.step("choice"):
+        bpy.ops.ed.undo_push(message="Drag")
+        scene.relume_shots.active = 1
+        bpy.ops.ed.undo_push(message="Choice")
+        chosen = open_shots.of(scene).camera
+        driver.check(chosen == scene.camera.name == listed()[1][1], f"the second shot is shown: {chosen}")
+        yield from go_back(driver)
+        scene, lamp = bpy.context.scene, bpy.context.scene.objects[lamp_name]
+        first = listed()[0][1]
+        yield from driver.until(lambda: shots() and open_shots.of(scene).camera == first, "the first shot again", 60)
+        yield from driver.until(rest, "its picture", 200)
+        driver.check(scene.camera.name == first, f"undo has the first camera again: {scene.camera.name}")
 
     with driver.step("lay out"):
         area, window = driver.view, driver.window
@@ -116,6 +151,7 @@ def play(driver):
             points = json.dumps([[0.4, 0.5, 1.0], [0.6, 0.5, 1.0]])
             bpy.ops.relume.scribble(points=points, goal="brighter", amount=0.5, radius=0.2, shot=entry.key)
         scene.relume_solve.effort = "QUICK"
+        bpy.ops.ed.undo_push(message="Strokes")
         with bpy.context.temp_override(window=window, area=views()[0]):
             bpy.ops.wm.tool_set_by_id(name="relume.scribble")
         yield from driver.drawn()
@@ -123,15 +159,61 @@ def play(driver):
         with bpy.context.temp_override(window=window, area=views()[0]):
             bpy.ops.relume.solve("INVOKE_DEFAULT")
         solving = addon("engine.solve.solving")
+        serials = {found.camera: found.serial for found in shots()}
+
+        def followed():
+            return solving.running(scene) is None or all(found.serial > serials[found.camera] for found in shots())
+
+        yield from driver.until(followed, "previews in all views", 300)
+        driver.photo("solving")
+        driver.check(solving.running(scene) is not None, "all views follow the solve while it runs")
         yield from driver.until(lambda: solving.running(scene) is None, "the solve", 300)
         lines = [line["text"] for line in json.loads(scene.relume_solve.report)["lines"]]
         driver.check(len(lines) == len(shots()), f"a line for each stroke: {lines}")
-        bpy.ops.relume.apply_solved()
         yield from driver.until(rest, "rest", 300)
-        yield from driver.drawn()
-        driver.photo("solved")
         with bpy.context.temp_override(window=window, area=views()[0]):
             bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
+
+    def state():
+        """What undo has to bring back: the list, cameras of views, lights, strokes and looks."""
+        lights = {light.name: (light.energy, *light.color) for light in bpy.data.lights}
+        cameras = sorted(view.spaces.active.camera.name for view in views())
+        looks, strokes = len(scene.relume_looks.items), scene.relume_solve.strokes
+        return {"shots": listed(), "cameras": cameras, "lights": lights, "looks": looks, "strokes": strokes}
+
+    def pictures():
+        return {found.camera: np.array(found.frame.image) for found in shots()}
+
+    def same(before, now):
+        """True if all pictures are the same but for rounding."""
+        pairs = [(before[name], now[name]) for name in before] if before.keys() == now.keys() else [(1.0, 0.0)]
+        return all(np.abs(a - b).max() <= 1e-3 * np.max(a) for a, b in pairs)
+
+    with driver.step("undo"):
+        solved, pictures_solved = state(), pictures()
+        bpy.ops.relume.apply_solved("EXEC_DEFAULT", True)
+        yield from driver.until(rest, "rest", 300)
+        yield from driver.drawn()
+        driver.photo("applied")
+        applied, pictures_applied = state(), pictures()
+        driver.check(
+            applied["lights"] != solved["lights"] and not applied["strokes"],
+            "the lights are written, the strokes are done with",
+        )
+        driver.check(not same(pictures_solved, pictures_applied), "all views are brighter")
+        for forth, wanted, shown in ((False, solved, pictures_solved), (True, applied, pictures_applied)):
+            yield from go_back(driver, forth=forth)
+            scene = bpy.context.scene
+            yield from driver.until(rest, "rest", 300)
+            driver.photo("redone" if forth else "undone")
+            driver.check(state() == wanted, f"{'redo' if forth else 'undo'}: {state()} instead of {wanted}")
+            driver.check(same(shown, pictures()), f"{'redo' if forth else 'undo'} brings all pictures back")
+        yield from go_back(driver, 2)
+        scene = bpy.context.scene
+        yield from driver.until(rest, "rest", 300)
+        wanted = solved | {"looks": 0}
+        driver.check(state() == wanted, f"one step more takes the solve's looks away alone: {state()}")
+        driver.check(same(pictures_solved, pictures()), "and leaves all pictures")
 
     with driver.step("together"):
         with bpy.context.temp_override(window=window, area=views()[0]):
