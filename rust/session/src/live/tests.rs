@@ -14,7 +14,7 @@ use crate::files::obj_scene::{ObjView, obj_scene};
 use crate::progress::Monitor;
 use crate::relight::frame::with_alpha;
 use crate::relight::options::RelightOptions;
-use crate::relight::relighter::Relighter;
+use crate::relight::relighter::{OpenScenes, Relighter};
 use crate::relight::source::{Method, UnitSource};
 use crate::relight::units::UnitCache;
 use crate::test_room;
