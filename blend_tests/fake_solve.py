@@ -10,8 +10,9 @@ class FakeJob:
 
     made = []
 
-    def __init__(self, folders, request, images=None, *, device="auto", gpu_memory=None, threads=0):
+    def __init__(self, folders, request, images=None, *, shots=(), device="auto", gpu_memory=None, threads=0):
         self.folders, self.request, self.images = folders, json.loads(request), images or {}
+        self.shots = shots
         self.is_cancelled = self.done = False
         self.reports, self.previews, self._answer, self._error = [], [], None, None
         FakeJob.made.append(self)

@@ -79,12 +79,15 @@ class DataPassSettings:
         samples: int,
         assets: dict[str, str],
         frames: tuple[Any, Any] | None = None,
+        relighter: Any = None,
     ) -> Any:
         """Native passes of a scene, whose job is running. The assets are those of objects by their names; the frames
-        the scene at the frame before and at the one after, for vectors."""
+        the scene at the frame before and at the one after, for vectors. A relighter of the scene lends what it has
+        prepared."""
         is_mean = self.mattes or self.uv or self.vector  # All else is of the first ray.
         samples = min(samples, SAMPLES) if is_mean else 1
         wanted = {"ranks": self.ranks, "alpha_threshold": self.alpha_threshold, "assets": assets, "frames": frames}
+        wanted["relighter"] = relighter
         return native().DataPasses(exported, settings, samples=samples, **wanted)
 
     def layers(self, pictures: dict[str, Any]) -> dict[str, np.ndarray]:

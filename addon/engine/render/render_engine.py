@@ -144,7 +144,8 @@ class _FinalRender:
         lights = self._mixed(json.loads(exported.lights()))
         with self._baked(exported, lights) as relighter:
             picture = self._relit(relighter, lights, exported.world_color)
-        self._write(picture, self._data_layers(exported) if self.passes.data else {})
+            data = self._data_layers(exported, relighter) if self.passes.data else {}
+        self._write(picture, data)
 
     def _exported(self) -> Any:
         options = ExportOptions(resolution=film_size(self.scene.render))
@@ -180,7 +181,7 @@ class _FinalRender:
     def _open(self, folder: Path, exported: Any) -> Any:
         """A relighter under the world of the scene."""
         machine = {"device": self.options.device, "gpu_memory": self.options.gpu_memory}
-        relighter = native().Relighter(folder, world_of=exported, **machine)
+        relighter = native().Relighter(folder, world_of=exported, shots=open_shots.natives(), **machine)
         for words in relighter.damaged:
             self.engine.report({"WARNING"}, f"Relume: {words}")
         return relighter
@@ -261,12 +262,12 @@ class _FinalRender:
         picture["lobes"] = {name: picture["lobes"].get(name, dark) if lobes else {} for name in names}
         return picture
 
-    def _data_layers(self, exported: Any) -> dict[str, np.ndarray]:
+    def _data_layers(self, exported: Any, relighter: Any) -> dict[str, np.ndarray]:
         """Data passes, with what the file tells of them."""
         wanted, settings = self.passes.data, self._settings(lambda _: None)
         assets = assets_of(self.depsgraph)
         frames = self._next_frames() if wanted.vector else None
-        traced = wanted.trace(exported, json.dumps(settings), self.options.samples, assets, frames)
+        traced = wanted.trace(exported, json.dumps(settings), self.options.samples, assets, frames, relighter)
         self._wait(native().Job(traced.job), 1.0, 1.0, self._warn)
         objects, materials = traced.names()
         names = {

@@ -47,6 +47,11 @@ def all_open() -> list[Shot]:
     return [*_current.values(), *(shot for found in _beside.values() for shot in found)]
 
 
+def natives() -> list[Any]:
+    """The `relume.Live` of all open shots, which lend what they have in memory."""
+    return [shot.live for shot in all_open()]
+
+
 def by_key(scene: bpy.types.Scene, key: str) -> Shot | None:
     """The open shot of a listed one, by its key."""
     return next((shot for shot in all_of(scene) if shot.key == key), None)

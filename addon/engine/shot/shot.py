@@ -80,13 +80,14 @@ class Shot:
         self._live_status: Any = None
         """Newest status of the native module."""
         self._news = time.monotonic()
-        self._live = native().Live(
+        self.live = native().Live(
             str(options.folder),
             device=options.device,
             gpu_memory=options.gpu_memory,
             threads=options.threads,
             board=open_shots.board(),
         )
+        """Native module's work on it."""
 
     @classmethod
     def start(cls, scene: bpy.types.Scene, anew: bool = False, options: Options | None = None) -> Shot:
@@ -120,7 +121,7 @@ class Shot:
         if shot.camera not in scene.objects:
             words = f"Camera '{shot.camera}' of this bake is not in the scene"
             shot.warnings.append(f"{words}: if it was renamed, give it that name again; else start anew")
-        shot._live.open()
+        shot.live.open()
         if beside is not None:
             open_shots.add_beside(shot)
         return shot
@@ -194,7 +195,7 @@ class Shot:
         if scene := self._scene():
             remember_bake(scene, self.folder, self.options.shot)
         self._remaining.note_bake()
-        self._live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
+        self.live.bake(exported, settings, train_seconds=self.options.train_seconds, anew=self._anew)
         self._enter(ShotPhase.PREPARING)
 
     def _note_world_of(self, exported: Any) -> None:
@@ -362,7 +363,7 @@ class Shot:
         """Asks for the picture of a `relume.Request`, such as one that was kept; returns its number."""
         self._content = {}
         self._news = time.monotonic()
-        live = self._live
+        live = self.live
         self._request_number = live.relight(asked) if world is None else live.show_world(world, asked)
         self._whole_number = self._request_number
         return self._request_number
@@ -377,15 +378,15 @@ class Shot:
         self._passes.follow(names, whole)
 
     def _ask_content(self, content: dict[str, Any], interactive: bool) -> int:
-        self._request_number = self._live.relight(request(content, interactive))
+        self._request_number = self.live.relight(request(content, interactive))
         return self._request_number
 
     def poll(self) -> bool:
         """Takes the newest picture and status; returns True if there was anything new."""
         if self.phase in BEFORE_BAKE:
             return False
-        live = self._live.status()
-        frame = self._live.frame(self.serial)
+        live = self.live.status()
+        frame = self.live.frame(self.serial)
         self.keep_record()
         if live == self._live_status and frame is None:
             return False
@@ -443,17 +444,17 @@ class Shot:
     def learn_kinds(self) -> None:
         """Learns the kinds of light that the bake lacks."""
         try:
-            self._live.learn(self._remaining.note_kinds(self.status))
+            self.live.learn(self._remaining.note_kinds(self.status))
         except (OSError, RuntimeError) as error:
             self.warnings.append(f"The kind of light that was added is not learned: {error}")
 
     def attend(self) -> None:
         """Has its pictures made before those of other shots."""
-        self._live.attend()
+        self.live.attend()
 
     def pause(self, paused: bool) -> None:
         """Lets baking and training stand still; relighting goes on."""
-        self._live.pause(paused)
+        self.live.pause(paused)
 
     def cancel(self) -> None:
         """Ends baking and training; what is there stays, relighting goes on."""
@@ -461,7 +462,7 @@ class Shot:
             self._task.cancel()
         elif self.is_reading:
             self._exported(None, ExportCancelled("cancelled"), {})
-        self._live.cancel()
+        self.live.cancel()
 
     def close(self, wait_seconds: float = 0.0) -> None:
         """Ends everything, without waiting unless told to. The folder stays whole."""
@@ -470,7 +471,7 @@ class Shot:
         if self._task is not None:
             self._task.cancel()
         self._world.close()
-        self._live.close(wait_seconds=wait_seconds)
+        self.live.close(wait_seconds=wait_seconds)
         self.frame = self.frame_before = None
 
 

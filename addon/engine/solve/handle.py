@@ -10,6 +10,7 @@ import numpy as np
 
 from ...core.solve import SolveError
 from ..native import NativeModuleError, native
+from ..shot import open_shots
 from ..shot.shot import Shot
 
 
@@ -19,7 +20,9 @@ def start(shot: Shot, request: dict[str, Any], images: dict[str, np.ndarray], fo
     options = shot.options
     compute = {"device": options.device, "gpu_memory": options.gpu_memory, "threads": options.threads}
     try:
-        return native().solve(list(map(str, folders)), json.dumps(request), images, **compute)
+        return native().solve(
+            list(map(str, folders)), json.dumps(request), images, shots=open_shots.natives(), **compute
+        )
     except (NativeModuleError, RuntimeError, ValueError) as error:
         raise SolveError(one_line(error)) from error
 

@@ -11,6 +11,7 @@ use relume_session::trace::{self, DataPassSettings, DataPasses, TraceSettings};
 
 use crate::error::{NativeError, invalid};
 use crate::job::PyJob;
+use crate::relighter::PyRelighter;
 use crate::scene::PyScene;
 
 /// Most ranks of a matte.
@@ -29,7 +30,7 @@ pub struct PyDataPasses {
 impl PyDataPasses {
     #[new]
     #[pyo3(signature = (scene, settings="{}", *, samples=64, ranks=6, alpha_threshold=0.5,
-        assets=HashMap::new(), frames=None))]
+        assets=HashMap::new(), frames=None, relighter=None))]
     fn new(
         py: Python<'_>,
         scene: &PyScene,
@@ -39,19 +40,21 @@ impl PyDataPasses {
         alpha_threshold: f32,
         assets: HashMap<String, String>,
         frames: Option<(PyRef<'_, PyScene>, PyRef<'_, PyScene>)>,
+        relighter: Option<&PyRelighter>,
     ) -> PyResult<Self> {
         let settings: TraceSettings = serde_json::from_str(settings).map_err(NativeError::from)?;
         if samples == 0 || !(1..=MOST_RANKS).contains(&ranks) {
             return Err(invalid(format!("samples must be 1 or more, ranks 1 to {MOST_RANKS}")).into());
         }
         let (scene, wanted) = (scene.shared(), DataPassSettings { samples, ranks, alpha_threshold, assets });
+        let trees = relighter.and_then(|relighter| relighter.trees_of(&scene));
         let traced = Arc::new(Mutex::new(DataPasses::default()));
         let result = traced.clone();
         let of_job = scene.clone();
         let frames = frames.map(|(before, after)| [before.shared(), after.shared()]);
         let job = PyJob::start(move |monitor| -> Result<_, NativeError> {
             let frames = frames.as_ref().map(|frames| frames.each_ref().map(|frame| &**frame));
-            let passes = relume_session::data_passes(&of_job, &settings, &wanted, frames, monitor)?;
+            let passes = relume_session::data_passes(&of_job, &settings, &wanted, frames, trees, monitor)?;
             *result.lock().unwrap_or_else(PoisonError::into_inner) = passes;
             Ok(serde_json::Value::Null)
         })?;

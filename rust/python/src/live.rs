@@ -9,7 +9,7 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
 use relume_session::live::{self, Board, LiveOptions, LiveRequest, LiveStatus, RequestOptions};
 use relume_session::trace::TraceSettings;
-use relume_session::{LightSet, ParsedLight};
+use relume_session::{LightSet, OpenScenes, ParsedLight};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
@@ -28,6 +28,11 @@ impl PyBoard {
     fn new() -> Self {
         Self { board: Board::default() }
     }
+}
+
+/// Scenes that some shots have in memory.
+pub fn open_scenes(shots: &[PyRef<'_, PyLive>]) -> OpenScenes {
+    OpenScenes::of(shots.iter().map(|shot| &shot.live))
 }
 
 /// See the stubs.

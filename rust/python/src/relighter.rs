@@ -2,12 +2,14 @@
 
 use crate::error::{NativeError, enter_native, invalid};
 use crate::job::PyJob;
+use crate::live::{PyLive, open_scenes};
 use crate::scene::PyScene;
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
-use relume_session::scene::Light;
+use relume_session::scene::{Light, Scene};
+use relume_session::trace::bvh::SceneBvh;
 use relume_session::{
     CatcherPlace, Device, LightSet, LobePart, Method, Monitor, PictureMix, RelightOptions, Relighter, Relit,
 };
@@ -23,15 +25,16 @@ pub struct PyRelighter {
 #[pymethods]
 impl PyRelighter {
     #[new]
-    #[pyo3(signature = (folder, *, world_of=None, device="auto", gpu_memory=None))]
+    #[pyo3(signature = (folder, *, world_of=None, shots=Vec::new(), device="auto", gpu_memory=None))]
     fn new(
         py: Python<'_>,
         folder: PathBuf,
         world_of: Option<&PyScene>,
+        shots: Vec<PyRef<'_, PyLive>>,
         device: &str,
         gpu_memory: Option<u64>,
     ) -> PyResult<Self> {
-        let scene = world_of.map(PyScene::shared);
+        let (scene, open) = (world_of.map(PyScene::shared), open_scenes(&shots));
         let relighter = enter_native(py, || -> Result<Relighter, NativeError> {
             let Ok(device) = device.parse::<Device>();
             let mut relighter = Relighter::open(&folder)?.on(&device.open(gpu_memory)?);
@@ -39,9 +42,11 @@ impl PyRelighter {
             if let Some(scene) = &scene {
                 relighter.show_world_of(scene, &monitor)?;
             }
-            match scene.filter(|scene| relighter.is_of(scene)) {
-                Some(scene) => relighter.connect(scene)?,
-                None => relighter.connect_stored(&monitor),
+            if !relighter.connect_open(&open) {
+                match scene.filter(|scene| relighter.is_of(scene)) {
+                    Some(scene) => relighter.connect(scene)?,
+                    None => relighter.connect_stored(&monitor),
+                }
             }
             Ok(relighter)
         })?;
@@ -116,6 +121,11 @@ impl PyRelighter {
 }
 
 impl PyRelighter {
+    /// Trees of a scene, if lights are connected in that.
+    pub fn trees_of(&self, scene: &Scene) -> Option<SceneBvh> {
+        self.relighter.trees_of(scene)
+    }
+
     /// The lights of a light set in JSON, or the scene's own.
     fn lights(&self, json: Option<&str>) -> Result<Vec<Light>, NativeError> {
         match json {

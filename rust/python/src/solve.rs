@@ -3,6 +3,7 @@
 use crate::array::Array;
 use crate::error::{NativeError, invalid};
 use crate::job::PyJob;
+use crate::live::{PyLive, open_scenes};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use relume_session::image::Image;
@@ -12,11 +13,12 @@ use std::path::PathBuf;
 
 /// See the stubs.
 #[pyfunction]
-#[pyo3(signature = (folders, request, images, *, device="auto", gpu_memory=None, threads=0))]
+#[pyo3(signature = (folders, request, images, *, shots=Vec::new(), device="auto", gpu_memory=None, threads=0))]
 pub fn solve(
     folders: Vec<PathBuf>,
     request: &str,
     images: &Bound<'_, PyDict>,
+    shots: Vec<PyRef<'_, PyLive>>,
     device: &str,
     gpu_memory: Option<u64>,
     threads: usize,
@@ -24,16 +26,19 @@ pub fn solve(
     let request = SolveRequest::parse(request).map_err(invalid)?;
     let pictures = Pictures::named(named(images)?);
     let Ok(device) = device.parse::<Device>();
+    let open = open_scenes(&shots);
     PyJob::start_with_preview(move |monitor, show| -> Result<_, NativeError> {
         in_background(threads, || {
             let compute = device.open(gpu_memory)?;
             compute.warn(monitor);
-            let open = |folder: &PathBuf| {
+            let relighter = |folder: &PathBuf| {
                 let mut relighter = Relighter::open(folder)?.on(&compute);
-                relighter.connect_stored(monitor);
+                if !relighter.connect_open(&open) {
+                    relighter.connect_stored(monitor);
+                }
                 Ok(relighter)
             };
-            let relighters = folders.iter().map(open).collect::<Result<Vec<_>, NativeError>>()?;
+            let relighters = folders.iter().map(relighter).collect::<Result<Vec<_>, NativeError>>()?;
             let views: Vec<&Relighter> = relighters.iter().collect();
             let preview = |found: &InterimLights| show(serde_json::to_string(found).unwrap_or_default());
             Ok(serde_json::to_value(solve_lights(&views, &request, &pictures, monitor, &preview)?)?)

@@ -3,13 +3,14 @@
 use rayon::prelude::*;
 use relume_dump::TileRect;
 use relume_scene::Scene;
+use relume_trace::bvh::SceneBvh;
 use relume_trace::{DataPassSettings, DataPasses, DataTracer, TraceSettings, Tracer};
 
 use crate::error::SessionError;
 use crate::progress::{Monitor, Stage};
 
 /// Data passes of the whole picture, row by row from the top, along the camera rays of a bake with these settings. The scenes of the
-/// frames before and after tell how far things move.
+/// frames before and after tell how far things move. The scene's trees may be there already.
 ///
 /// # Errors
 /// If the scene has too many triangles; [`SessionError::Cancelled`].
@@ -18,9 +19,13 @@ pub fn data_passes(
     settings: &TraceSettings,
     wanted: &DataPassSettings,
     frames: Option<[&Scene; 2]>,
+    trees: Option<SceneBvh>,
     monitor: &Monitor,
 ) -> Result<DataPasses, SessionError> {
-    let tracer = Tracer::new(scene, settings)?;
+    let tracer = match trees {
+        Some(trees) => Tracer::with_bvh(scene, settings, trees),
+        None => Tracer::new(scene, settings)?,
+    };
     let tracer = DataTracer::new(&tracer, wanted);
     let tracer = match frames {
         Some([before, after]) => tracer.between(before, after),

@@ -64,7 +64,7 @@ pub use progress::{Cancel, Listener, Monitor, Progress, Stage, StageProgress};
 pub use relight::denoise::Denoise;
 pub use relight::film::CatcherPlace;
 pub use relight::options::{PictureMix, RelightOptions};
-pub use relight::relighter::Relighter;
+pub use relight::relighter::{OpenScenes, Relighter};
 pub use relight::relit::{ExrLayout, Relit, RelitLight};
 pub use relight::source::{Method, UnitSource};
 pub use solve::{

@@ -299,10 +299,12 @@ class DataPasses:
         alpha_threshold: float = 0.5,
         assets: dict[str, str] = ...,
         frames: tuple[Scene, Scene] | None = None,
+        relighter: Relighter | None = None,
     ) -> None:
         """Starts the job. Ranks are the objects or materials that a matte tells apart in a pixel, 1 to 16; assets the
         names of those that objects belong to, where they are other ones. Positions and indices are those of the first
-        surface whose alpha reaches the threshold. The scene at the frames before and after tells how far that moves."""
+        surface whose alpha reaches the threshold. The scene at the frames before and after tells how far that moves. A
+        relighter of the scene lends what it has prepared."""
 
     @property
     def job(self) -> Job: ...
@@ -324,12 +326,14 @@ class Relighter:
         folder: str | os.PathLike[str],
         *,
         world_of: Scene | None = None,
+        shots: Sequence[Live] = (),
         device: str = "auto",
         gpu_memory: int | None = None,
     ) -> None:
-        """Under the world that was shown last of the bake, or that of a scene. Device: auto, cpu, gpu or a part of a
-        GPU's name, or where it is plugged in (0000:01:00.0). GPU memory to use, bytes; by default what its driver
-        says, less some for others; the last one set counts for the process."""
+        """Under the world that was shown last of the bake, or that of a scene. Of live shots, the one that has the
+        scene of the bake in memory lends it. Device: auto, cpu, gpu or a part of a GPU's name, or where it is plugged
+        in (0000:01:00.0). GPU memory to use, bytes; by default what its driver says, less some for others; the last one
+        set counts for the process."""
 
     @property
     def resolution(self) -> tuple[int, int]:
@@ -579,6 +583,7 @@ def solve(
     request: str,
     images: dict[str, NDArray[np.float32]],
     *,
+    shots: Sequence[Live] = (),
     device: str = "auto",
     gpu_memory: int | None = None,
     threads: int = 0,

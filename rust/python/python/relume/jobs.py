@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -113,6 +113,7 @@ def solve(
     request: dict[str, Any] | str,
     images: dict[str, NDArray[np.float32]] | None = None,
     *,
+    shots: Sequence[_native.Live] = (),
     device: str = "auto",
     gpu_memory: int | None = None,
     threads: int = 0,
@@ -120,10 +121,11 @@ def solve(
     """Finds lights for what the picture should do, as seen from one or several bake folders of one scene. `request`
     is the JSON of `relume_session::SolveRequest`; `images` are scene-linear arrays [height, width, 1 or 3], top row
     first, that it refers to by name. The result is the JSON form of `relume_session::Solved`. Raises ValueError for a
-    request that cannot be read."""
+    request that cannot be read. Of live `shots`, those that have the scene of a folder in memory lend it."""
     text = request if isinstance(request, str) else json.dumps(request)
     paths = [Path(folder) for folder in folders]
-    return Job(_native.solve(paths, text, images or {}, device=device, gpu_memory=gpu_memory, threads=threads))
+    machine: dict[str, Any] = {"device": device, "gpu_memory": gpu_memory, "threads": threads}
+    return Job(_native.solve(paths, text, images or {}, shots=shots, **machine))
 
 
 def info(path: str | os.PathLike[str]) -> Any:

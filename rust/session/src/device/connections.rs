@@ -151,7 +151,7 @@ impl Connections {
         level.kept.par_iter().enumerate().for_each_init(PathScratch::default, prepare);
         let is_whole = level.kept.iter().all(|tile| tile.get().is_some());
         if is_whole {
-            self.prepared.store(number + 1, Ordering::Release);
+            self.prepared.fetch_max(number + 1, Ordering::Release);
         }
         is_whole
     }
@@ -261,13 +261,14 @@ impl Connections {
         images
     }
 
-    /// Images of the first level alone, in a hurry: in blocks of two by two pixels where [`Self::images`] has made none yet;
+    /// Images of the first level alone, in a hurry: in blocks of so many pixels each way where [`Self::images`] has made none yet;
     /// nothing if `stop` ended it.
     pub fn coarse_images(
         &self,
         gather: &Gather,
         lights: &[Light],
         emitters: &[(usize, Emitter)],
+        block: usize,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Option<NumberedImages> {
         let known =
@@ -276,8 +277,9 @@ impl Connections {
         let is_new = |(number, _): &&(usize, Emitter)| known.iter().all(|(known, _)| known != number);
         let (numbers, new): (Vec<usize>, Vec<&Emitter>) =
             emitters.iter().filter(is_new).map(|(number, emitter)| (*number, emitter)).unzip();
-        let coarse = |image| Arc::new(ConnectedImage { levels: 0, paths: 0, image, error: Image::default() });
-        let images = self.level_images(gather, &self.levels[0], &new, 2, stop)?.into_iter().map(coarse);
+        let coarse =
+            |image| Arc::new(ConnectedImage { levels: 0, block, paths: 0, image, error: Image::default() });
+        let images = self.level_images(gather, &self.levels[0], &new, block, stop)?.into_iter().map(coarse);
         Some(known.into_iter().chain(numbers.into_iter().zip(images)).collect())
     }
 
@@ -343,18 +345,18 @@ impl Connections {
         let mut scratch = ConnectScratch::default();
         let mut values = vec![[0.0; 3]; layers * rect.pixel_count()];
         let scale = 1.0 / level.pass.samples as f32;
-        for (x, y) in
-            (0..rect.height).step_by(block).flat_map(|y| (0..rect.width).step_by(block).map(move |x| (x, y)))
-        {
+        for (left, top) in corners(rect, block) {
+            let (x, y) = chosen_pixel(rect, block, (left, top));
             let number = y * rect.width + x;
             let mut pixel = PixelSums { values: &mut values, pixels: rect.pixel_count(), number, scale };
             let vertices = vertices.pixel(number);
             for (vertex, numbers) in self.with_numbers(vertices, (rect.x + x, rect.y + y), level.pass) {
                 add(vertex, numbers, &mut scratch, &mut pixel);
             }
-        }
-        if block > 1 {
-            values.chunks_exact_mut(rect.pixel_count()).for_each(|values| fill_blocks(values, rect, block));
+            if block > 1 {
+                let layers = values.chunks_exact_mut(rect.pixel_count());
+                layers.for_each(|values| fill_block(values, rect, block, (left, top), values[number]));
+            }
         }
         values
     }
@@ -433,12 +435,30 @@ impl PixelSums<'_> {
     }
 }
 
-/// Gives all pixels of each block the value of its first.
-fn fill_blocks(values: &mut [[f32; 3]], rect: TileRect, block: usize) {
-    for y in 0..rect.height {
-        for x in 0..rect.width {
-            values[y * rect.width + x] = values[(y - y % block) * rect.width + x - x % block];
-        }
+/// First pixels of the blocks of a tile.
+fn corners(rect: TileRect, block: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..rect.height).step_by(block).flat_map(move |y| (0..rect.width).step_by(block).map(move |x| (x, y)))
+}
+
+/// Pixel of a block that stands for it: another corner in each of two by two blocks, so that their mean place is the middle.
+fn chosen_pixel(rect: TileRect, block: usize, (left, top): (usize, usize)) -> (usize, usize) {
+    let (right, low) = ((left / block) % 2 == 1, (top / block) % 2 == 1);
+    let x = if right != low { left + block - 1 } else { left };
+    let y = if low { top + block - 1 } else { top };
+    (x.min(rect.width - 1), y.min(rect.height - 1))
+}
+
+/// Gives all pixels of a block a value.
+fn fill_block(
+    values: &mut [[f32; 3]],
+    rect: TileRect,
+    block: usize,
+    (left, top): (usize, usize),
+    value: [f32; 3],
+) {
+    let columns = left..rect.width.min(left + block);
+    for y in top..rect.height.min(top + block) {
+        values[y * rect.width..][columns.clone()].fill(value);
     }
 }
 

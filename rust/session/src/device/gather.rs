@@ -33,8 +33,8 @@ pub(crate) struct DeviceGather {
 /// Haste with which lights are connected.
 #[derive(Clone, Copy)]
 pub(crate) enum Haste<'a> {
-    /// Only one path, and every second pixel and row, of lights that are new, until this is true.
-    Drag(&'a (dyn Fn() -> bool + Sync)),
+    /// Only one path, and one pixel of each block of so many each way, of lights that are new, until this is true.
+    Drag(usize, &'a (dyn Fn() -> bool + Sync)),
     /// All, until this is true.
     Until(&'a (dyn Fn() -> bool + Sync)),
 }
@@ -179,7 +179,9 @@ impl DeviceGather {
         let Some((connections, levels)) = &self.connections else { return Ok((images, Vec::new())) };
         let emitters = connections.emitters(lights)?;
         let diffuse = match haste {
-            Haste::Drag(stop) => connections.coarse_images(&self.gather, lights, &emitters, stop),
+            Haste::Drag(block, stop) => {
+                connections.coarse_images(&self.gather, lights, &emitters, block, stop)
+            }
             Haste::Until(stop) => connections.images(&self.gather, lights, &emitters, *levels, stop),
         };
         Ok((images, diffuse.ok_or(SessionError::Cancelled)?))

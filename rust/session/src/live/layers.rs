@@ -6,7 +6,7 @@ use super::view::{BakeView, shown_statics};
 use super::world::WorldUnit;
 use crate::error::SessionError;
 use crate::relight::film::Film;
-use crate::relight::frame::{FrameImages, WeightedImage, downsampled, weighted_sum};
+use crate::relight::frame::{Coarse, FrameImages, WeightedImage, downsampled, weighted_sum};
 use crate::relight::gathered::Gathered;
 use crate::relight::source::UnitSource;
 use crate::relight::units::{SharedImage, UnitCache};
@@ -32,6 +32,8 @@ pub(super) struct FrameLayers<'a> {
     pub samples: u32,
     /// True if every layer was denoised by itself, as well as is asked for.
     pub is_best: bool,
+    /// Side of the blocks of pixels in which something noisy is connected.
+    block: usize,
 }
 
 impl<'a> FrameLayers<'a> {
@@ -45,7 +47,7 @@ impl<'a> FrameLayers<'a> {
         quality: FrameQuality,
     ) -> Self {
         let (images, sources) = (FrameImages::default(), BTreeMap::new());
-        let mut layers = Self { images, sources, samples: view.samples(), is_best: true };
+        let mut layers = Self { images, sources, samples: view.samples(), is_best: true, block: 1 };
         layers.add_statics(request, view, world, quality);
         let denoised = view.denoise(quality.scale).missing().is_none();
         for (number, (term, stand_in)) in terms.iter().zip(stand_ins).enumerate() {
@@ -110,6 +112,7 @@ impl<'a> FrameLayers<'a> {
                 self.images.noisy.push(WeightedImage { image: &gathered.mean, weight });
                 self.samples = self.samples.min(gathered.samples);
                 self.is_best = false;
+                self.block = self.block.max(gathered.block());
             }
         }
     }
@@ -117,7 +120,12 @@ impl<'a> FrameLayers<'a> {
     /// Scene-linear RGBA, the bottom row first.
     pub fn image(&self, view: &BakeView, quality: FrameQuality) -> Result<Image, SessionError> {
         let alpha = if quality.scale == 2 { &downsampled(&view.aovs.alpha) } else { &view.aovs.alpha };
-        self.images.sum(view.film, alpha, view.denoise(quality.scale))
+        let coarse = (self.block > quality.scale).then(|| Coarse {
+            scale: self.block,
+            by: self.block / quality.scale,
+            denoise: view.denoise(self.block),
+        });
+        self.images.sum(view.film, alpha, view.denoise(quality.scale), coarse)
     }
 }
 

@@ -29,6 +29,7 @@ use crate::bake::world::forget;
 use crate::device::compute::Device;
 use crate::error::SessionError;
 use crate::progress::Cancel;
+use crate::relight::relighter::OpenScenes;
 pub use aov::Aov;
 pub use board::Board;
 use board::Seat;
@@ -216,6 +217,13 @@ impl Live {
 
     fn threads(&self) -> MutexGuard<'_, Threads> {
         self.threads.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl OpenScenes {
+    /// Scenes of these shots, of those that have made them ready.
+    pub fn of<'a>(shots: impl IntoIterator<Item = &'a Live>) -> Self {
+        Self(shots.into_iter().filter_map(|shot| shot.shared.lock().connections.clone()).collect())
     }
 }
 

@@ -1,6 +1,8 @@
 mod drag;
+mod pace;
 mod rest;
 
+pub(super) use self::pace::DragPace;
 use super::board::{Seat, Stage, Turn};
 use super::layers::{FrameLayers, FrameQuality, noise};
 use super::shared::{Frame, Shared, Shown, State};
@@ -46,10 +48,7 @@ pub(super) struct RenderThread {
     serial: u64,
     /// True until something of this bake was shown.
     first_frame: bool,
-    /// 1, or 2 on machines that are too slow for the full size in a drag.
-    drag_scale: usize,
-    /// True unless the machine was too slow in this drag to connect lights that a proxy knows.
-    connects_in_drag: bool,
+    pace: DragPace,
 }
 
 /// Listener that passes warnings on to the status.
@@ -82,8 +81,7 @@ impl RenderThread {
             rendered,
             serial: 0,
             first_frame: true,
-            drag_scale: 1,
-            connects_in_drag: true,
+            pace: DragPace::default(),
         }
     }
 
@@ -91,6 +89,12 @@ impl RenderThread {
     #[cfg(test)]
     pub fn on(self, compute: Compute) -> Self {
         Self { compute, ..self }
+    }
+
+    /// Sets how good pictures of a drag are.
+    #[cfg(test)]
+    pub fn with_pace(self, pace: DragPace) -> Self {
+        Self { pace, ..self }
     }
 
     /// Sets the bake folder in which the light of another world is stored.
@@ -249,7 +253,7 @@ impl RenderThread {
         view: &mut BakeView,
         terms: &[LightTerm],
     ) -> Result<(), SessionError> {
-        self.connects_in_drag = true;
+        self.pace.rest();
         let gathered = self.gathered(request, view, terms);
         let full = FrameQuality { scale: 1, is_drag: false };
         let (mut last_shown, mut stage) = (Instant::now(), Stage::First);

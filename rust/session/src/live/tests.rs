@@ -1,4 +1,5 @@
 mod catcher;
+mod drag;
 mod folders;
 mod world;
 
@@ -13,7 +14,7 @@ use crate::files::obj_scene::{ObjView, obj_scene};
 use crate::progress::Monitor;
 use crate::relight::frame::with_alpha;
 use crate::relight::options::RelightOptions;
-use crate::relight::relighter::Relighter;
+use crate::relight::relighter::{OpenScenes, Relighter};
 use crate::relight::source::{Method, UnitSource};
 use crate::relight::units::UnitCache;
 use crate::test_room;
@@ -320,33 +321,6 @@ fn training_gives_a_proxy_that_stands_in_while_dragging() {
 }
 
 #[test]
-fn a_drag_shows_connected_light_in_place_of_what_a_proxy_says() {
-    let folder = tempfile::tempdir().unwrap();
-    let live = live(folder.path());
-    live.relight(request(&[lamp(0.0)]));
-    live.bake(room(32, 32), settings(64), 1.0, false).unwrap();
-    state(&live, LiveState::Ready);
-    // A machine that is busy may be too slow for a while.
-    let connected = (0..200).find_map(|number: u16| {
-        settled(&live, live.relight(request(&[lamp(0.0)])));
-        let moved = lamp(0.25 + 1e-3 * f32::from(number));
-        let frame = dragged(&live, &moved);
-        (frame.shown.sources["light"] == UnitSource::GatherDenoised).then_some((moved, frame))
-    });
-    let (moved, frame) = connected.expect("a drag that is connected");
-    let by_proxy = settled(
-        &live,
-        live.relight(LiveRequest { method: Method::Proxy, ..request(std::slice::from_ref(&moved)) }),
-    );
-    let truth = settled(&live, live.relight(LiveRequest { method: Method::Gather, ..request(&[moved]) }));
-    let error = |frame: &Frame| -> f64 {
-        let values = frame.image.data.iter().zip(&truth.image.data);
-        values.map(|(found, expected)| f64::from(found - expected).powi(2)).sum()
-    };
-    assert!(error(&frame) < error(&by_proxy), "{} {}", error(&frame), error(&by_proxy));
-}
-
-#[test]
 fn kinds_of_light_that_come_into_use_later_are_learned_too() {
     let folder = tempfile::tempdir().unwrap();
     let live = live(folder.path());
@@ -376,30 +350,6 @@ fn kinds_of_light_that_come_into_use_later_are_learned_too() {
     let status = state(&live, LiveState::Ready);
     assert!(status.unlearned.is_empty());
     assert_eq!(kinds(status), ["facing-disk", "quad", "sphere"]);
-}
-
-#[test]
-fn slow_drags_are_shown_at_half_size_and_what_is_still_at_the_full_one() {
-    let folder = tempfile::tempdir().unwrap();
-    bake(&room(160, 128), &settings(8), folder.path(), false, &Monitor::default()).unwrap();
-    let live = opened(folder.path(), Device::Cpu);
-    // More than can be gathered in the time that a quick drag has.
-    let many = |shift: f32| -> Vec<Light> {
-        let lamp = |i: u16| Light { name: format!("Lamp {i}"), ..lamp(shift + f32::from(i) * 1e-3) };
-        (0..200).map(lamp).collect()
-    };
-    let dragged = |lights: &[Light], half| {
-        let number = live.relight(LiveRequest { interactive: true, half, ..request(lights) });
-        wait("a frame of the drag", || live.frame(0).filter(|frame| frame.shown.request == number))
-    };
-    let size = |frame: &Frame| (frame.shown.scale, frame.image.width, frame.image.height);
-    assert_eq!(size(&dragged(&many(0.0), None)), (1, 160, 128), "the first of a drag");
-    assert_eq!(size(&dragged(&many(0.3), None)), (2, 80, 64), "the next after a slow one");
-    assert_eq!(size(&dragged(&many(0.4), Some(false))), (1, 160, 128), "asked for");
-    assert_eq!(size(&settled(&live, live.relight(request(&[lamp(0.1)])))), (1, 160, 128), "still");
-    let quick = || (dragged(&[], None).shown.scale == 1).then_some(());
-    wait("the full size of quick drags", quick);
-    assert_eq!(size(&dragged(&[], Some(true))), (2, 80, 64), "asked for");
 }
 
 #[test]

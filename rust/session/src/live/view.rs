@@ -33,8 +33,8 @@ pub(super) struct BakeView {
     /// Light of the scene's own emitters, and of the world.
     pub statics: [StaticLayer; 2],
     pub proxies: DeviceProxies,
-    /// Denoisers for the full size, and for half of it.
-    pub denoise: [Denoise; 2],
+    /// Denoisers for the full size, for half and for a quarter of it.
+    pub denoise: [Denoise; 3],
     /// Scene in which lights are connected, once it is ready.
     pub connections: Option<Arc<Connections>>,
     /// Coverage of lights by the paths.
@@ -204,9 +204,18 @@ impl BakeView {
         width.min(rows / self.film.plates()) >= 128 && self.film.can_be_halved(rows)
     }
 
-    /// The denoiser for pictures of the full size (1) or of half of it (2).
+    /// Side of the largest blocks of pixels in which lights may be connected: 1, 2 or 4.
+    pub fn coarsest_block(&self) -> usize {
+        match self.can_be_halved() {
+            false => 1,
+            true if self.film.can_be_halved(self.aovs.alpha.height / 2) => 4,
+            true => 2,
+        }
+    }
+
+    /// The denoiser for pictures of the full size (1), of half (2) or a quarter (4) of it.
     pub fn denoise(&self, scale: usize) -> &Denoise {
-        &self.denoise[scale - 1]
+        &self.denoise[scale.ilog2() as usize]
     }
 }
 
@@ -214,9 +223,10 @@ fn gather(dump: &Dump, pass: usize) -> DeviceGather {
     DeviceGather::new(Gather::new(dump.passes(pass..pass + 1)))
 }
 
-fn denoisers(aovs: &Aovs, compute: &Compute, quality: DenoiseQuality) -> [Denoise; 2] {
+fn denoisers(aovs: &Aovs, compute: &Compute, quality: DenoiseQuality) -> [Denoise; 3] {
     let of = |aovs: &Aovs, features| Denoise::new(aovs, compute.gpu.as_deref()).with_features(features);
-    [of(aovs, Some(quality)), of(&halved(aovs), None)]
+    let half = halved(aovs);
+    [of(aovs, Some(quality)), of(&half, None), of(&halved(&half), None)]
 }
 
 fn halved(aovs: &Aovs) -> Aovs {

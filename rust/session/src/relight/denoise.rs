@@ -54,6 +54,11 @@ impl Denoise {
         Self { features, ..self }
     }
 
+    /// Features of the pictures.
+    pub fn features(&self) -> &Aovs {
+        &self.aovs
+    }
+
     /// Reason why nothing can be denoised here, for the user; none if denoising works.
     pub fn missing(&self) -> Option<String> {
         match &*self.started() {

@@ -4,6 +4,7 @@ use crate::device::image::DeviceImage;
 use crate::error::SessionError;
 use crate::relight::denoise::Denoise;
 use crate::relight::film::{CatcherPlace, Film};
+use crate::relight::upsample::upsampled;
 use rayon::prelude::*;
 use relume_gather::DenoiseQuality;
 use relume_gpu::{GpuError, GpuImage};
@@ -23,13 +24,48 @@ pub(crate) struct FrameImages<'a> {
     pub noisy: Vec<WeightedImage<'a>>,
 }
 
+/// A picture of 1/`scale` of the full size each way, coarser than the frame.
+pub(crate) struct Coarse<'a> {
+    /// 2 or 4.
+    pub scale: usize,
+    /// Its pixels are so many of the frame each way.
+    pub by: usize,
+    pub denoise: &'a Denoise,
+}
+
+impl Coarse<'_> {
+    /// Weighted sum of images of the full size beside a frame of `width` by `height` pixels.
+    fn sum(&self, images: &[WeightedImage], width: usize, height: usize) -> Result<Image, GpuError> {
+        let to_half = if self.by == self.scale { 2 } else { 1 };
+        let half = weighted_sum(images, width / to_half, height / to_half)?;
+        Ok(if self.scale == 4 { downsampled(&half) } else { half })
+    }
+}
+
 impl FrameImages<'_> {
-    /// Scene-linear RGBA of a film with this alpha, the bottom row first.
-    pub fn sum(&self, film: Film, alpha: &Image, denoise: &Denoise) -> Result<Image, SessionError> {
+    /// Scene-linear RGBA of a film with this alpha, the bottom row first. What is noisy has the size of a coarser picture, if
+    /// there is one, until it is denoised.
+    pub fn sum(
+        &self,
+        film: Film,
+        alpha: &Image,
+        denoise: &Denoise,
+        coarse: Option<Coarse<'_>>,
+    ) -> Result<Image, SessionError> {
         let mut sum = weighted_sum(&self.clean, alpha.width, alpha.height)?;
         if !self.noisy.is_empty() {
-            let mut noisy = weighted_sum(&self.noisy, alpha.width, alpha.height)?;
-            denoise.images(std::slice::from_mut(&mut noisy), DenoiseQuality::Fast)?;
+            let noisy = match coarse {
+                Some(coarse) => {
+                    let mut noisy = coarse.sum(&self.noisy, alpha.width, alpha.height)?;
+                    coarse.denoise.images(std::slice::from_mut(&mut noisy), DenoiseQuality::Fast)?;
+                    upsampled(&noisy, coarse.by, coarse.denoise.features(), denoise.features())
+                }
+                None => {
+                    let mut noisy = weighted_sum(&self.noisy, alpha.width, alpha.height)?;
+                    denoise.images(std::slice::from_mut(&mut noisy), DenoiseQuality::Fast)?;
+                    noisy
+                }
+            };
             sum.add_scaled(&noisy, &[1.0; 3]);
         }
         if !film.catches() {

@@ -73,6 +73,11 @@ impl Gathered {
         self.connected.as_ref().map(|connected| connected.levels)
     }
 
+    /// Side of the blocks of pixels in which its light is connected.
+    pub fn block(&self) -> usize {
+        self.connected.as_ref().map_or(1, |connected| connected.block)
+    }
+
     /// Takes connected light of more levels. What was denoised is of fewer paths then.
     pub fn take_connected(&mut self, connected: Arc<ConnectedImage>) -> Result<(), GpuError> {
         let before = self.connected.replace(connected);

@@ -17,3 +17,4 @@ pub(crate) mod relit;
 pub(crate) mod source;
 pub(crate) mod statics;
 pub(crate) mod units;
+pub(crate) mod upsample;

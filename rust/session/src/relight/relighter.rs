@@ -24,6 +24,7 @@ use crate::relight::relit::{Relit, RelitLight};
 use crate::relight::source::{UnitSource, camera_only};
 use crate::relight::statics::StaticLayer;
 use crate::relight::units::{GROUP, UnitCache, UnitImages};
+pub use connected::OpenScenes;
 use lobes::KeptLobes;
 use relume_dump::{Aovs, Dump, Manifest};
 use relume_gather::{Environment, Gather};

@@ -5,6 +5,8 @@ use relume_image::Image;
 /// Part of a light's unit image that is summed by connections.
 pub(crate) struct ConnectedImage {
     pub levels: usize,
+    /// Side of the blocks of pixels that have one value.
+    pub block: usize,
     /// Paths per pixel behind it.
     pub(super) paths: u32,
     pub image: Image,
@@ -16,7 +18,7 @@ impl ConnectedImage {
     /// Image of one level more, which is of so many paths.
     pub(super) fn grown(before: Option<&Self>, mut image: Image, samples: u32) -> Self {
         let Some(before) = before else {
-            return Self { levels: 1, paths: samples, image, error: Image::default() };
+            return Self { levels: 1, block: 1, paths: samples, image, error: Image::default() };
         };
         let paths = before.paths + samples;
         let share = samples as f32 / paths as f32;
@@ -28,7 +30,7 @@ impl ConnectedImage {
             *value = before + share * difference;
             *error = scale * difference;
         }
-        Self { levels: before.levels + 1, paths, image, error }
+        Self { levels: before.levels + 1, block: 1, paths, image, error }
     }
 
     pub(super) fn bytes(&self) -> usize {

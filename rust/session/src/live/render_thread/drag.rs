@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant};
 
+use relume_scene::Light;
+
 use super::{RenderThread, lights};
 use crate::device::gather::Haste;
 use crate::error::SessionError;
@@ -10,11 +12,8 @@ use crate::live::layers::FrameQuality;
 use crate::live::terms::{LightTerm, TermSource};
 use crate::live::view::BakeView;
 
-/// Time for which a dragged light is gathered before it is shown.
-const DRAG_BUDGET: Duration = Duration::from_millis(60);
-/// Pictures of a drag that take longer are made at half the size, and shorter ones at full size again.
-const SLOW: Duration = Duration::from_millis(50);
-const QUICK: Duration = Duration::from_millis(12);
+/// Time for which paths are added to lights that moved once there is something to show.
+const GROW_FOR: Duration = Duration::from_millis(60);
 
 impl RenderThread {
     /// Renders one picture of a drag, as good as time allows.
@@ -24,15 +23,48 @@ impl RenderThread {
         view: &BakeView,
         terms: &[LightTerm],
     ) -> Result<(), SessionError> {
-        let start = Instant::now();
         // A picture beside the one that is looked at holds that up as little as may be.
         let is_aside = !self.seat.is_attended();
-        let own_scale = if is_aside { 2 } else { self.drag_scale };
+        let own_scale = if is_aside { 2 } else { self.pace.scale() };
         let scale = request.half.map_or(own_scale, |half| if half { 2 } else { 1 });
         let scale = if view.can_be_halved() { scale } else { 1 };
-        // What is coarse is replaced by the next pass.
-        let is_coarse = scale == 2 && view.passes.len() > 1;
-        self.connect_in_time(request, view, terms, is_coarse, start)?;
+        self.connect_in_time(request, view, terms, scale)?;
+        self.gather_in_time(request, view, terms, scale, is_aside)?;
+        let start = Instant::now();
+        self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
+        self.pace.shown(start.elapsed());
+        Ok(())
+    }
+
+    /// Connects moved lights that proxies know, as that is nearer to the truth, as finely as it is in time.
+    fn connect_in_time(
+        &mut self,
+        request: &LiveRequest,
+        view: &BakeView,
+        terms: &[LightTerm],
+        scale: usize,
+    ) -> Result<(), SessionError> {
+        let Some(pass) = view.passes.first() else { return Ok(()) };
+        let moved =
+            lights(terms, |_, term| self.is_waiting(request, view, term, true) && pass.connects(&term.light));
+        while self.pace.connects() && !self.units.all_begun(&moved) {
+            match self.begin(&moved, view, scale, true) {
+                Ok(_) | Err(SessionError::Cancelled) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// Sums other lights that moved, and what proxies lack.
+    fn gather_in_time(
+        &mut self,
+        request: &LiveRequest,
+        view: &BakeView,
+        terms: &[LightTerm],
+        scale: usize,
+        is_aside: bool,
+    ) -> Result<(), SessionError> {
         let is_needed = |number: usize, term: &LightTerm| match term.source {
             TermSource::FirstView => self.is_waiting(request, view, &terms[number + 1], true),
             TermSource::Gather => {
@@ -43,47 +75,46 @@ impl RenderThread {
             TermSource::Proxy => false,
         };
         let new = lights(terms, is_needed);
-        let haste = if is_coarse { Haste::Drag(&|| false) } else { Haste::NONE };
-        while self.advance(&new, view, haste)? {
-            if self.units.all_begun(&new) && (is_aside || start.elapsed() > DRAG_BUDGET) {
-                break;
-            }
-        }
-        self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
-        let took = start.elapsed();
-        if took > SLOW {
-            self.drag_scale = 2;
-        } else if took < QUICK {
-            self.drag_scale = 1;
+        let start = Instant::now();
+        let mut has_more = self.begin(&new, view, scale, false)?;
+        let is_coarse = self.block(view, scale) > 1 && view.connections.is_some();
+        while has_more && !is_coarse && !is_aside && start.elapsed() < GROW_FOR {
+            has_more = self.advance(&new, view, Haste::NONE)?;
         }
         Ok(())
     }
 
-    /// Connects moved lights that proxies know, as their sums are nearer to the truth; not in this drag any more once the
-    /// machine takes too long for that.
-    fn connect_in_time(
+    /// Sums the first pass of some lights, of which some are connected; only for a while if `may_stop`. False if there is
+    /// nothing to sum.
+    ///
+    /// # Errors
+    /// [`SessionError::Cancelled`] if that was too long.
+    fn begin(
         &mut self,
-        request: &LiveRequest,
+        moved: &[Light],
         view: &BakeView,
-        terms: &[LightTerm],
-        is_coarse: bool,
-        start: Instant,
-    ) -> Result<(), SessionError> {
-        let Some(pass) = view.passes.first().filter(|_| self.connects_in_drag) else { return Ok(()) };
-        let lights =
-            lights(terms, |_, term| self.is_waiting(request, view, term, true) && pass.connects(&term.light));
-        let is_late = move || start.elapsed() > DRAG_BUDGET;
-        let haste = if is_coarse { Haste::Drag(&is_late) } else { Haste::Until(&is_late) };
-        while !self.units.all_begun(&lights) {
-            match self.advance(&lights, view, haste) {
-                Ok(_) => {}
-                Err(SessionError::Cancelled) => {
-                    self.connects_in_drag = false;
-                    break;
-                }
-                Err(error) => return Err(error),
-            }
+        scale: usize,
+        may_stop: bool,
+    ) -> Result<bool, SessionError> {
+        let (start, pace) = (Instant::now(), self.pace);
+        let is_late = || may_stop && pace.is_late(start.elapsed());
+        let block = self.block(view, scale);
+        let haste = if block == 1 { Haste::Until(&is_late) } else { Haste::Drag(block, &is_late) };
+        let is_new = |light: &&Light| self.units.passes(light) == 0;
+        let pass = view.passes.first();
+        let connects = moved.iter().filter(is_new).any(|light| pass.is_some_and(|pass| pass.connects(light)));
+        let mut step = self.advance(moved, view, haste);
+        while matches!(step, Ok(true)) && !self.units.all_begun(moved) {
+            step = self.advance(moved, view, haste);
         }
-        Ok(())
+        if connects {
+            self.pace.connected(start.elapsed(), block, view.coarsest_block());
+        }
+        step
+    }
+
+    /// Side of the blocks in which lights are connected for a picture of a scale.
+    fn block(&self, view: &BakeView, scale: usize) -> usize {
+        self.pace.block(view.coarsest_block()).max(scale)
     }
 }

@@ -99,3 +99,23 @@ fn a_rebake_looks_for_lights_that_have_moved() {
     assert!(moved != first && warnings.is_empty(), "{warnings:?}");
     assert!(rebaked(0.6, true).0 == moved, "paths that look there already were traced again");
 }
+
+#[test]
+fn pictures_are_made_in_the_scene_that_a_live_shot_of_the_bake_has_in_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = room(48, 32);
+    bake(&scene, &settings(8), folder.path(), false, &Monitor::default()).unwrap();
+    let live = opened(folder.path(), Device::Cpu);
+    std::fs::remove_file(folder.path().join(SCENE_FILE)).unwrap();
+    let mut relighter = Relighter::open(folder.path()).unwrap();
+    assert!(!relighter.connect_open(&OpenScenes::default()) && relighter.trees_of(&scene).is_none());
+    assert!(relighter.connect_open(&OpenScenes::of([&live])));
+    assert!(relighter.trees_of(&scene).is_some() && relighter.trees_of(&room(48, 30)).is_none());
+    let lights = [lamp(0.3)];
+    let lent = relighter.relight(&lights, &RelightOptions::default(), &Monitor::default()).unwrap();
+    assert_eq!(lent.combined(), relit(folder.path(), scene, &lights));
+
+    let other = tempfile::tempdir().unwrap();
+    bake(&room(48, 30), &settings(8), other.path(), false, &Monitor::default()).unwrap();
+    assert!(!Relighter::open(other.path()).unwrap().connect_open(&OpenScenes::of([&live])), "another scene");
+}

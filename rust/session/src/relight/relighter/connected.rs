@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use relume_scene::{Light, Scene};
+use relume_trace::bvh::SceneBvh;
 
 use super::Relighter;
 use crate::device::connections::Connections;
@@ -10,6 +11,10 @@ use crate::error::SessionError;
 use crate::progress::Monitor;
 use crate::relight::options::RelightOptions;
 use crate::relight::source::UnitSource;
+
+/// Scenes that live shots have in memory, with their trees and the vertices of paths in them.
+#[derive(Clone, Default)]
+pub struct OpenScenes(pub(crate) Vec<Arc<Connections>>);
 
 impl Relighter {
     /// True if a scene is the one that was baked.
@@ -27,6 +32,23 @@ impl Relighter {
             self.connect_by(connections);
         }
         Ok(())
+    }
+
+    /// [`Self::connect`] in that of some open scenes that was baked; false if there is none.
+    pub fn connect_open(&mut self, scenes: &OpenScenes) -> bool {
+        let Some(gather) = &mut self.gather else { return false };
+        let manifest = gather.gather().dump().manifest();
+        let Some(open) = scenes.0.iter().find(|open| open.is_of(manifest)) else { return false };
+        let levels = manifest.passes.len();
+        gather.connect(open, levels);
+        self.units = Mutex::default();
+        true
+    }
+
+    /// Trees of a scene, if lights are connected in that.
+    pub fn trees_of(&self, scene: &Scene) -> Option<SceneBvh> {
+        let connections = self.gather.as_ref()?.connections().filter(|_| self.is_of(scene))?;
+        Some(connections.tracer().bvh().clone())
     }
 
     /// [`Self::connect`] in the scene that the bake folder holds, if it does; a warning tells what is wrong with that.
