@@ -41,6 +41,7 @@ Made by `scripts/bench/drags.py` from `drags.json`. Lamps are added to a shot, a
 place. Each picture that is drawn meanwhile is compared with the settled picture of the same places. Figures are means
 over {moves} pictures, then the worst; PSNR in dB after Reinhard's curve. *Auto* is what an artist sees. *Proxy* and
 *gather* are what either shows alone. Milliseconds are from a request to its picture, the median and the longest.
+*Others* are the threads that wanted the machine's cores when it began: what is in time depends on them.
 
 {table}
 """
@@ -142,7 +143,7 @@ class Drag:
 
 def page(records):
     """The page over all records."""
-    heads = ["shot", "lamps, moved", "method", "version", "PSNR", "worst", "ms", "longest", "machine"]
+    heads = ["shot", "lamps, moved", "method", "version", "PSNR", "worst", "ms", "longest", "machine", "others"]
     lines = []
     for record in sorted(records, key=lambda r: (r["shot"], r["lamps"], r["moved"], r["method"])):
         width, height = record["size"]
@@ -157,6 +158,7 @@ def page(records):
                 f"{record['ms']:.0f}",
                 f"{record['longest_ms']:.0f}",
                 record["machine"],
+                f"{record['others']:g}",
             ]
         )
     return TEXT.format(moves=MOVES, table=rows(heads, lines))

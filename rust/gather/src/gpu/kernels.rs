@@ -5,7 +5,7 @@ use relume_gpu::{Gpu, GpuError, Kernel};
 use crate::soft::OUTPUTS;
 
 /// Lights that one pass over the records can take, by the kernels that there are.
-pub const LIGHTS: [usize; 3] = [1, 4, 16];
+pub const LIGHTS: [usize; 5] = [1, 2, 4, 8, 16];
 /// Numbers of lights that one pass over sorted segments can take, by the kernels that there are.
 pub const SORTED_LIGHTS: [usize; 2] = [1, 4];
 /// Threads of a workgroup (`shaders/gather/records.wgsl`).
