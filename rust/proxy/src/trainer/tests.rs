@@ -229,14 +229,15 @@ fn spots_are_covered_from_the_narrowest_learned_cone_on() {
     let features = Arc::new(SyntheticRoom::new(24, 16).features());
     let trainer = Trainer::new(features, LightKind::Spot, config(8_000), 1).expect("valid");
     let proxy = trainer.proxy().expect("weights");
-    let spot = |kind, radius, half_angle| {
-        LightParams::spot(kind, glam::Vec3::Z, radius, [half_angle, 0.0], glam::Vec3::NEG_Z).shape()
+    let covers = |kind, radius, half_angle| {
+        let cone = [half_angle, 0.0];
+        proxy.covers(&LightParams::spot(kind, glam::Vec3::Z, radius, cone, glam::Vec3::NEG_Z).shape())
     };
     let radius = proxy.info().size.max;
-    assert!(proxy.covers(&spot(LightKind::Spot, radius, 1.5)) && proxy.covers(&spot(LightKind::Spot, radius, 0.05)));
-    assert!(!proxy.covers(&spot(LightKind::Spot, radius, 0.02)), "a narrower cone");
-    assert!(!proxy.covers(&spot(LightKind::Spot, 2.0 * radius, 0.5)), "a larger light");
-    assert!(!proxy.covers(&spot(LightKind::SphereSpot, radius, 0.5)), "without soft falloff");
+    assert!(covers(LightKind::Spot, radius, 1.5) && covers(LightKind::Spot, radius, 0.05));
+    assert!(!covers(LightKind::Spot, radius, 0.02), "a narrower cone");
+    assert!(!covers(LightKind::Spot, 2.0 * radius, 0.5), "a larger light");
+    assert!(!covers(LightKind::SphereSpot, radius, 0.5), "without soft falloff");
 }
 
 #[test]
