@@ -19,7 +19,7 @@ from addon.engine.workers.process import Worker
 from addon.live import handlers
 from addon.ui import background as ui
 from addon.ui.start import start
-from helpers import add_light, add_material, add_quad, ended
+from helpers import add_light, add_material, add_quad, ended, exported
 
 
 @pytest.fixture
@@ -186,6 +186,29 @@ def test_only_a_bake_that_is_there_is_remembered(room, tmp_path, no_training):
     job = ui.start(room)
     assert remembered_bake(room) is None
     assert ended(job).done and remembered_bake(room) == tmp_path / "bake"
+
+
+TRAINED = [
+    ("POINT", {}, "facing-disk"),
+    ("POINT", {"use_soft_falloff": False}, "sphere"),
+    ("SPOT", {}, "spot"),
+    ("SPOT", {"use_soft_falloff": False}, "sphere-spot"),
+    ("SPOT", {"scale": (1.0, 2.0, 1.0)}, None),
+    ("AREA", {}, "quad"),
+    ("AREA", {"shape": "DISK"}, "ellipse"),
+    ("AREA", {"spread": 1.0}, None),
+    ("SUN", {}, None),
+]
+"""Types of light with settings, and the proxy that is trained for them."""
+
+
+def test_proxies_are_trained_for_the_types_of_light_that_have_one(room):
+    for kind, settings, _ in TRAINED:
+        lamp = add_light(room, kind, **{name: value for name, value in settings.items() if name != "scale"})
+        lamp.scale = settings.get("scale", (1.0, 1.0, 1.0))
+    bpy.data.objects.remove(bpy.data.objects["Key"])
+    lights = sorted(exported(room)["lights"], key=lambda light: light["name"])
+    assert [background.kind_of(light) for light in lights] == [kind for *_, kind in TRAINED]
 
 
 def test_a_file_that_was_closed_meanwhile_shows_its_bake(room, tmp_path, no_training):

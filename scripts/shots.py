@@ -17,7 +17,7 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = Path(os.environ.get("RELUME_SCENES", ROOT.parent / "shared/scenes"))
 # The types of light that a network learns, by the shapes that it covers.
-KINDS = {"quad": "quad", "sphere": "sphere", "facing_disk": "facing-disk"}
+KINDS = {"quad": "quad", "ellipse": "ellipse", "sphere": "sphere", "facing_disk": "facing-disk", "spot": "spot"}
 
 
 def run(*words):

@@ -1,8 +1,14 @@
 // Closed-form features of a light at a surface: `features` of `analytic.rs`, in dual numbers (value, derivative), so that
 // the derivative by any parameter needs no second set of formulas. Where it is not asked for, the compiler drops it.
-// constant: QUAD 0
+// constant: FORM 0
 
+// The numbers of `Form` in `light.rs`.
+const ROUND: u32 = 0u;
+const FLAT: u32 = 1u;
+const CONE: u32 = 2u;
 const FEATURES: u32 = 11u;
+// As in `analytic.rs`.
+const LEAST_EDGE: f32 = 0.05;
 
 // What the features need of a pixel, as `PixelSurface` of `analytic.rs`.
 struct Surface { position: vec3f, normal: vec3f, mirror: vec3f }
@@ -10,11 +16,12 @@ struct Surface { position: vec3f, normal: vec3f, mirror: vec3f }
 // A vector and its derivative.
 struct Dual3 { value: vec3f, d: vec3f }
 
-// The scaled parameters of a light: centre, then radius (in x) or first edge, then second edge.
+// A light as `seen_params` of `analytic.rs` has it: centre; then of flat lights the two edges, else the radius, of spots also the
+// cosine of the half angle and the blend; then their axis.
 struct FeatureLight { center: Dual3, u: Dual3, v: Dual3 }
 
-// Area or squared radius, vector irradiance per area, and the last feature.
-struct Flux { area: vec2f, flux: Dual3, extra: vec2f }
+// Area or squared radius, vector irradiance per area, the share of the light that comes here, and the last feature.
+struct Source { area: vec2f, flux: Dual3, share: vec2f, extra: vec2f }
 
 fn constant(x: f32) -> vec2f { return vec2f(x, 0.0); }
 
@@ -63,11 +70,13 @@ fn unit_vector(axis: u32) -> vec3f { return select(vec3f(), vec3f(1.0), vec3u(ax
 fn features(light: FeatureLight, at: Surface) -> array<vec2f, FEATURES> {
     let one = constant(1.0);
     let offset = minus(light.center, still(at.position));
-    var source: Flux;
-    if QUAD == 1u {
-        source = quad_flux(light, offset);
+    var source: Source;
+    if FORM == FLAT {
+        source = flat_source(light, offset);
+    } else if FORM == CONE {
+        source = cone_source(light, offset);
     } else {
-        source = round_flux(light, offset);
+        source = round_source(light, offset);
     }
     let distance = root(dots(offset, offset) + source.area);
     let direction = scaled(offset, over(one, distance));
@@ -85,8 +94,8 @@ fn features(light: FeatureLight, at: Surface) -> array<vec2f, FEATURES> {
         over(one, one + 4.0 * distance),
         dots(still(at.normal), direction),
         mirror,
-        lobe4,
-        times(lobe8, lobe8),
+        times(lobe4, source.share),
+        times(times(lobe8, lobe8), source.share),
         over(irradiance, one + irradiance),
         over(soft, one + soft),
         source.extra,
@@ -94,17 +103,33 @@ fn features(light: FeatureLight, at: Surface) -> array<vec2f, FEATURES> {
 }
 
 // A small source: `L / |L|^3`.
-fn round_flux(light: FeatureLight, offset: Dual3) -> Flux {
+fn round_source(light: FeatureLight, offset: Dual3) -> Source {
     let radius = vec2f(light.u.value.x, light.u.d.x);
     let area = times(radius, radius);
     let squared = dots(offset, offset) + area;
     let distance = root(squared);
     let flux = scaled(offset, over(constant(1.0), times(squared, distance)));
-    return Flux(area, flux, over(radius, distance));
+    return Source(area, flux, constant(1.0), over(radius, distance));
+}
+
+// A small source in a cone with a soft edge.
+fn cone_source(light: FeatureLight, offset: Dual3) -> Source {
+    let one = constant(1.0);
+    let source = round_source(light, offset);
+    let edge = vec2f(light.u.value.y, light.u.d.y);
+    let blend = vec2f(light.u.value.z, light.u.d.z);
+    let distance = root(dots(offset, offset) + source.area);
+    let cosine = -over(dots(light.v, offset), distance);
+    let depth = one - edge;
+    let soft = times(root(ramp(one - times(edge, edge))), source.extra) + LEAST_EDGE * depth;
+    let inside = ramp(over(cosine - edge + soft, times(depth, blend) + 2.0 * soft));
+    let x = one - ramp(one - inside);
+    let share = times(times(x, x), constant(3.0) - 2.0 * x);
+    return Source(source.area, scaled(source.flux, share), share, share);
 }
 
 // A Lambertian rectangle, by Lambert's polygon formula.
-fn quad_flux(light: FeatureLight, offset: Dual3) -> Flux {
+fn flat_source(light: FeatureLight, offset: Dual3) -> Source {
     let u = scaled(light.u, constant(0.5));
     let v = scaled(light.v, constant(0.5));
     let a = toward(minus(minus(offset, u), v));
@@ -117,7 +142,7 @@ fn quad_flux(light: FeatureLight, offset: Dual3) -> Flux {
     let area = 4.0 * quarter;
     let distance = root(dots(offset, offset) + area);
     let cosine = -over(dots(normal, offset), times(quarter, distance));
-    return Flux(area, scaled(flux, over(constant(-0.5), area)), cosine);
+    return Source(area, scaled(flux, over(constant(-0.5), area)), constant(1.0), cosine);
 }
 
 fn toward(corner: Dual3) -> Dual3 {

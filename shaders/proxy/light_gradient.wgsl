@@ -6,7 +6,7 @@
 // What layers keep of the way forward in the place of a unit that is off.
 const OFF: f32 = 3e38;
 // Parameters of the light that the features see.
-const PARAMETERS: u32 = 4u + 5u * QUAD;
+const PARAMETERS: u32 = 4u + 5u * min(FORM, 1u);
 // Quads that a layer keeps, and quads of sums: by scale and shift of each layer, then by nine parameters and the radiance.
 const KEPT: u32 = 16u;
 const SUMS: u32 = 4u * LAYERS + 3u;

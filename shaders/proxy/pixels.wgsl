@@ -13,7 +13,7 @@ const ENCODED_ROWS: u32 = PIXEL_ROWS - FAST * SURFACE_ROWS;
 // Layers before the output, and quads of a row of values.
 const LAYERS: u32 = HIDDEN + 1u;
 const ROW_QUADS: u32 = WIDTH / 4u;
-// Quads of a light: scale and shift of every layer, then centre and output scale, edges, radiance.
+// Quads of a light: scale and shift of every layer, then centre and output scale, the rest of the shape, radiance.
 const LIGHT_AT: u32 = LAYERS * 2u * ROW_QUADS;
 const LIGHT_QUADS: u32 = LIGHT_AT + 4u;
 

@@ -390,8 +390,14 @@ pub enum LightKindArg {
     Sphere,
     /// Point light with soft falloff, Blender's default.
     FacingDisk,
-    /// Rectangular area light.
+    /// Square or rectangular area light.
     Quad,
+    /// Disk or elliptical area light.
+    Ellipse,
+    /// Spot light with soft falloff, Blender's default.
+    Spot,
+    /// Spot light without soft falloff.
+    SphereSpot,
 }
 
 /// Networks.

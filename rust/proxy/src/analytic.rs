@@ -1,8 +1,11 @@
 //! Closed-form features of a light as seen from a pixel's first hit. They enter the network as inputs, never as
 //! factors: fur, volumes and glass have no single position, and the network is free to ignore them.
 
+use std::f32::consts::PI;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use crate::light::Form;
+use crate::scene_cache::Normalisation;
 use crate::{LightKind, LightParams, MAX_PARAMS};
 
 /// Numbers that the features are computed in: single values, vectors of lanes, and values with derivatives.
@@ -196,37 +199,87 @@ pub(crate) struct PixelSurface<T> {
 /// Features of [`features`].
 pub(crate) const FEATURES: usize = 11;
 
-/// The parameters of a light, with lengths in units of the scene's scale and positions from its centre.
-pub(crate) fn scaled_params(light: &LightParams, center: [f32; 3], scale: f32) -> [f32; MAX_PARAMS] {
-    let mut params = [0.0; MAX_PARAMS];
-    for (i, (to, from)) in params.iter_mut().zip(light.as_slice()).enumerate() {
-        *to = (from - if i < 3 { center[i] } else { 0.0 }) / scale;
+/// Side of the square that has the area of a disk of diameter 1: `sqrt(pi) / 2`.
+const SIDE_OF_DISK: f32 = 0.886_226_9;
+/// Least width of a cone's soft edge, as a share of the cone, so that a hard edge is differentiable.
+const LEAST_EDGE: f32 = 0.05;
+
+/// The parameters of a light, each with its own derivative.
+pub(crate) fn dual_params(light: &LightParams) -> [Dual; MAX_PARAMS] {
+    let mut params = [Dual::constant(0.0); MAX_PARAMS];
+    for (i, value) in light.as_slice().iter().enumerate() {
+        params[i] = Dual::parameter(*value, i);
     }
     params
 }
 
-/// Features of a light, given by [`scaled_params`], at a surface: direction (3), nearness, cosine, mirror cosine and its
+/// The light as [`features`] see it, with derivatives by its parameters. Lengths are in units of the scene's scale and
+/// positions from its centre. An ellipse is the rectangle of its proportions and area. A spot has the cosine of its
+/// half angle in the place of the angle, and an axis of unit length.
+pub(crate) fn seen_params(light: &LightParams, normalisation: &Normalisation) -> [Dual; MAX_PARAMS] {
+    let mut params = dual_params(light);
+    let (center, inverse) = (normalisation.center, Dual::constant(1.0 / normalisation.scale));
+    for (p, center) in params.iter_mut().zip(center) {
+        *p = (*p - Dual::constant(center)) * inverse;
+    }
+    match light.kind().form() {
+        Form::Round => params[3] = params[3] * inverse,
+        Form::Flat => {
+            let side = if light.kind() == LightKind::Ellipse { SIDE_OF_DISK } else { 1.0 };
+            params[3..].iter_mut().for_each(|p| *p = *p * inverse * Dual::constant(side));
+        }
+        Form::Cone => {
+            params[3] = params[3] * inverse;
+            params[4] = params[4].sine_and_cosine().1;
+            let axis = unit([params[6], params[7], params[8]]);
+            params[6..].copy_from_slice(&axis);
+        }
+    }
+    params
+}
+
+/// Values of [`seen_params`].
+pub(crate) fn seen_values(light: &LightParams, normalisation: &Normalisation) -> [f32; MAX_PARAMS] {
+    seen_params(light, normalisation).map(|p| p.value)
+}
+
+/// The direction of a vector; a vector near zero is left short.
+pub(crate) fn unit<T: Real>(a: Vector<T>) -> Vector<T> {
+    scaled(a, T::constant(1.0) / (dot(a, a) + T::constant(1e-20)).sqrt())
+}
+
+/// A light as a surface sees it.
+struct Source<T> {
+    /// Area of a flat light, squared radius of a round one: added to squared distances, which keeps them above 0.
+    area: T,
+    /// Vector irradiance per area.
+    flux: Vector<T>,
+    /// Share of the light that goes to the surface.
+    share: T,
+    /// The last feature.
+    extra: T,
+}
+
+/// Features of a light, given by [`seen_params`], at a surface: direction (3), nearness, cosine, mirror cosine and its
 /// powers (2), two compressions of the unshadowed irradiance per area of the light, and its apparent size (round
-/// lights) or the cosine at the light (quads). All stay finite inside the light.
+/// lights), the cosine at the light (flat ones) or what its cone lets through (spots, whose powers and irradiance hold
+/// that as a factor). All stay finite inside the light.
 #[inline(always)]
-pub(crate) fn features<T: Real>(
-    kind: LightKind,
-    light: &[T; MAX_PARAMS],
-    at: &PixelSurface<T>,
-) -> [T; FEATURES] {
+pub(crate) fn features<T: Real>(form: Form, light: &[T; MAX_PARAMS], at: &PixelSurface<T>) -> [T; FEATURES] {
     let one = T::constant(1.0);
     let offset = difference([light[0], light[1], light[2]], at.position);
-    let (area, flux, extra) = match kind {
-        LightKind::Sphere | LightKind::FacingDisk => round_flux(light, offset),
-        LightKind::Quad => quad_flux(light, offset),
+    let source = match form {
+        Form::Round => round_source(light, offset),
+        Form::Flat => flat_source(light, offset),
+        Form::Cone => cone_source(light, offset),
     };
-    let distance = (dot(offset, offset) + area).sqrt();
+    let distance = (dot(offset, offset) + source.area).sqrt();
     let direction = scaled(offset, one / distance);
     let mirror = dot(at.mirror, direction);
     let lobe = mirror.ramp();
     let lobe4 = lobe * lobe * lobe * lobe;
     let lobe16 = lobe4 * lobe4 * lobe4 * lobe4;
-    let irradiance = dot(at.normal, flux).ramp();
+    let irradiance = dot(at.normal, source.flux).ramp();
     // The constant bounds the slope at the horizon.
     let root = (irradiance + T::constant(1e-3)).sqrt();
     [
@@ -236,29 +289,47 @@ pub(crate) fn features<T: Real>(
         one / (one + T::constant(4.0) * distance),
         dot(at.normal, direction),
         mirror,
-        lobe4,
-        lobe16,
+        lobe4 * source.share,
+        lobe16 * source.share,
         irradiance / (one + irradiance),
         root / (one + root),
-        extra,
+        source.extra,
     ]
 }
 
-/// Squared radius, vector irradiance per area of a small source, `L / |L|^3`, and the apparent size.
+/// A small source: `L / |L|^3`, and its apparent size.
 #[inline(always)]
-fn round_flux<T: Real>(light: &[T; MAX_PARAMS], offset: Vector<T>) -> (T, Vector<T>, T) {
+fn round_source<T: Real>(light: &[T; MAX_PARAMS], offset: Vector<T>) -> Source<T> {
     let one = T::constant(1.0);
     let area = light[3] * light[3];
     let squared = dot(offset, offset) + area;
     let distance = squared.sqrt();
-    (area, scaled(offset, one / (squared * distance)), light[3] / distance)
+    let flux = scaled(offset, one / (squared * distance));
+    Source { area, flux, share: one, extra: light[3] / distance }
 }
 
-/// Area, vector irradiance per area of a Lambertian rectangle (Lambert's polygon formula; Arvo 1994, "The Irradiance
-/// Jacobian for Partially Occluded Polyhedral Sources"), which points away from it behind its back, and the cosine of
-/// the way to its centre at the light.
+/// A small source in a cone: Cycles' smoothstep of the cosine to the axis, with an edge that the light's size widens to
+/// both sides.
 #[inline(always)]
-fn quad_flux<T: Real>(light: &[T; MAX_PARAMS], offset: Vector<T>) -> (T, Vector<T>, T) {
+fn cone_source<T: Real>(light: &[T; MAX_PARAMS], offset: Vector<T>) -> Source<T> {
+    let one = T::constant(1.0);
+    let Source { area, flux, extra: apparent, .. } = round_source(light, offset);
+    let (edge, blend) = (light[4], light[5]);
+    let distance = (dot(offset, offset) + area).sqrt();
+    let cosine = -dot([light[6], light[7], light[8]], offset) / distance;
+    let depth = one - edge;
+    let soft = (one - edge * edge).ramp().sqrt() * apparent + T::constant(LEAST_EDGE) * depth;
+    let inside = ((cosine - edge + soft) / (depth * blend + soft + soft)).ramp();
+    let x = one - (one - inside).ramp();
+    let share = x * x * (T::constant(3.0) - x - x);
+    Source { area, flux: scaled(flux, share), share, extra: share }
+}
+
+/// A Lambertian rectangle (Lambert's polygon formula; Arvo 1994, "The Irradiance Jacobian for Partially Occluded
+/// Polyhedral Sources"), whose flux points away from it behind its back, and the cosine of the way to its centre at the
+/// light.
+#[inline(always)]
+fn flat_source<T: Real>(light: &[T; MAX_PARAMS], offset: Vector<T>) -> Source<T> {
     let one = T::constant(1.0);
     let half_u = scaled([light[3], light[4], light[5]], T::constant(0.5));
     let half_v = scaled([light[6], light[7], light[8]], T::constant(0.5));
@@ -280,7 +351,7 @@ fn quad_flux<T: Real>(light: &[T; MAX_PARAMS], offset: Vector<T>) -> (T, Vector<
     let distance = (dot(offset, offset) + area).sqrt();
     let cosine = -dot(normal, offset) / (quarter * distance);
     // Seen from its front the corners run clockwise; from its back the sum changes sign, and the flux with it.
-    (area, scaled(flux, T::constant(-0.5) / area), cosine)
+    Source { area, flux: scaled(flux, T::constant(-0.5) / area), share: one, extra: cosine }
 }
 
 /// `acos(x) / sqrt(1 - x^2)`, the angle between two unit vectors over the length of their cross product. For `x` above
@@ -296,7 +367,7 @@ fn angle_over_sine<T: Real>(x: T) -> T {
     // 1 where x is negative, else 0, without a branch; the jump is where both forms agree.
     let negative = (-x).ramp() / (magnitude + T::constant(1e-20));
     let sine = ((one - x * x).ramp() + T::constant(1e-7)).sqrt();
-    acute + negative * (T::constant(std::f32::consts::PI) / sine - acute - acute)
+    acute + negative * (T::constant(PI) / sine - acute - acute)
 }
 
 /// Least-squares fit of `acos(x) / sqrt(1 - x^2)` on 0..1 by `(a + b x + c x^2) / (1 + d x + e x^2)`.

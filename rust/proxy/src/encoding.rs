@@ -1,4 +1,7 @@
-use crate::analytic::{Dual, Real};
+use std::f32::consts::PI;
+
+use crate::analytic::{Dual, Real, dual_params, unit};
+use crate::light::{Form, HALF_ANGLES};
 use crate::scene_cache::Normalisation;
 use crate::{LightKind, LightParams, MAX_PARAMS, SizeRange};
 
@@ -32,16 +35,17 @@ impl LightEncoding {
         Self { frequencies: frequencies.min(MAX_FREQUENCIES), ..self }
     }
 
-    /// Number of inputs: centre and log radius; or centre, normal, log width and height, and a tensor that tells
-    /// the roll.
+    /// Number of inputs: centre and log radius; of spots also axis, half angle and blend; of flat lights centre, normal,
+    /// log width and height, and a tensor that tells the roll.
     pub fn inputs(&self) -> usize {
         self.plain_inputs() + 6 * self.frequencies
     }
 
     fn plain_inputs(&self) -> usize {
-        match self.kind {
-            LightKind::Sphere | LightKind::FacingDisk => 4,
-            LightKind::Quad => 14,
+        match self.kind.form() {
+            Form::Round => 4,
+            Form::Cone => 9,
+            Form::Flat => 14,
         }
     }
 
@@ -67,9 +71,10 @@ impl LightEncoding {
         for axis in 0..3 {
             out[axis] = (p[axis] - Dual::constant(self.normalisation.center[axis])) * inverse_scale;
         }
-        match self.kind {
-            LightKind::Sphere | LightKind::FacingDisk => out[3] = self.log_size(p[3] * p[3]),
-            LightKind::Quad => self.quad_inputs(p, &mut out),
+        match self.kind.form() {
+            Form::Round => out[3] = self.log_size(p[3] * p[3]),
+            Form::Cone => self.cone_inputs(p, &mut out),
+            Form::Flat => self.flat_inputs(p, &mut out),
         }
         let start = self.plain_inputs();
         for octave in 0..self.frequencies {
@@ -83,9 +88,20 @@ impl LightEncoding {
         out
     }
 
+    /// Log radius, axis, and the cone's half angle and blend, which go to -1..1.
+    fn cone_inputs(&self, p: &[Dual; MAX_PARAMS], out: &mut [Dual; MAX_LIGHT_INPUTS]) {
+        out[3] = self.log_size(p[3] * p[3]);
+        out[4..7].copy_from_slice(&unit([p[6], p[7], p[8]]));
+        let to_unit = |x: Dual, [low, high]: [f32; 2]| {
+            (x + x - Dual::constant(low + high)) * Dual::constant(1.0 / (high - low))
+        };
+        out[7] = to_unit(p[4], HALF_ANGLES);
+        out[8] = to_unit(p[5], [0.0, 1.0]);
+    }
+
     /// Normal, log sizes, and the six different entries of `(u u^T + v v^T) / (|u|^2 + |v|^2)`. That tensor is the same
     /// for all names that the two edges of one rectangle can be given, and turns with its roll.
-    fn quad_inputs(&self, p: &[Dual; MAX_PARAMS], out: &mut [Dual; MAX_LIGHT_INPUTS]) {
+    fn flat_inputs(&self, p: &[Dual; MAX_PARAMS], out: &mut [Dual; MAX_LIGHT_INPUTS]) {
         let (u, v) = ([p[3], p[4], p[5]], [p[6], p[7], p[8]]);
         let squared = |a: [Dual; 3]| a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
         let (uu, vv) = (squared(u), squared(v));
@@ -107,15 +123,6 @@ impl LightEncoding {
         let log = (squared + Dual::constant(1e-20)).ln() * Dual::constant(0.5);
         (log - Dual::constant(self.log_middle)) / Dual::constant(self.log_half)
     }
-}
-
-/// The parameters, each with its own derivative.
-pub(crate) fn dual_params(light: &LightParams) -> [Dual; MAX_PARAMS] {
-    let mut params = [Dual::constant(0.0); MAX_PARAMS];
-    for (i, value) in light.as_slice().iter().enumerate() {
-        params[i] = Dual::parameter(*value, i);
-    }
-    params
 }
 
 /// Factor of the network's output: a constant, and the light's area in units of that of a middling light, so that small
@@ -140,11 +147,12 @@ impl OutputScale {
 /// Projected area of a light, square metres.
 pub(crate) fn emitting_area(light: &LightParams) -> Dual {
     let p = dual_params(light);
-    match light.kind() {
-        LightKind::Sphere | LightKind::FacingDisk => p[3] * p[3] * Dual::constant(std::f32::consts::PI),
-        LightKind::Quad => {
+    match light.kind().form() {
+        Form::Round | Form::Cone => p[3] * p[3] * Dual::constant(PI),
+        Form::Flat => {
             let squared = |i: usize| p[i] * p[i] + p[i + 1] * p[i + 1] + p[i + 2] * p[i + 2];
-            (squared(3) * squared(6)).sqrt()
+            let share = if light.kind() == LightKind::Ellipse { PI / 4.0 } else { 1.0 };
+            (squared(3) * squared(6)).sqrt() * Dual::constant(share)
         }
     }
 }

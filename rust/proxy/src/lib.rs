@@ -74,7 +74,7 @@ pub use encoding::OutputScale;
 pub use error::ProxyError;
 pub use gpu::{GpuProxy, LightGradient, ProxyCompared, compare};
 pub use gradient::Batch;
-pub use light::{LightKind, LightParams, MAX_PARAMS, SizeRange, random_light};
+pub use light::{HALF_ANGLES, LightKind, LightParams, MAX_PARAMS, SizeRange, random_light};
 pub use pixels::PixelFeatures;
 pub use proxy::{Proxy, ProxyInfo, Scores};
 pub use rng::Rng;

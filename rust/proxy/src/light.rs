@@ -1,3 +1,5 @@
+use std::f32::consts::{FRAC_PI_2, PI};
+
 use glam::{Mat3, Vec3};
 use relume_scene::{Light, LightShape};
 use serde::{Deserialize, Serialize};
@@ -6,6 +8,9 @@ use crate::Rng;
 
 /// Largest number of parameters of a light kind.
 pub const MAX_PARAMS: usize = 9;
+
+/// Half angles of the spots that a proxy learns, radians: Blender's spot sizes but the narrowest, which few paths meet.
+pub const HALF_ANGLES: [f32; 2] = [0.05, FRAC_PI_2];
 
 /// A type of light, for which one proxy is trained (paper, section 3.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -20,6 +25,23 @@ pub enum LightKind {
     /// The paper counts eight parameters (position, normal, width, height), which leaves the roll about the normal
     /// open. Two perpendicular edges say the same and the roll, and are differentiable everywhere.
     Quad,
+    /// [`LightShape::Ellipse`] with that spread: centre (3), diameter u (3), diameter v (3).
+    Ellipse,
+    /// [`LightShape::Spot`] with soft falloff, Blender's default: centre (3), radius, half angle, blend, axis (3).
+    Spot,
+    /// The same without soft falloff.
+    SphereSpot,
+}
+
+/// What the formulas of several kinds have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Form {
+    /// The same from all sides.
+    Round,
+    /// One-sided and flat.
+    Flat,
+    /// Round, in a cone.
+    Cone,
 }
 
 impl std::fmt::Display for LightKind {
@@ -28,36 +50,69 @@ impl std::fmt::Display for LightKind {
             Self::Sphere => "sphere",
             Self::FacingDisk => "facing-disk",
             Self::Quad => "quad",
+            Self::Ellipse => "ellipse",
+            Self::Spot => "spot",
+            Self::SphereSpot => "sphere-spot",
         })
     }
 }
 
 impl LightKind {
+    /// All kinds, the most used ones first, in which order a shot learns them.
+    pub const ALL: [Self; 6] =
+        [Self::FacingDisk, Self::Sphere, Self::Spot, Self::SphereSpot, Self::Quad, Self::Ellipse];
+
+    /// The formulas of this kind.
+    pub(crate) fn form(self) -> Form {
+        match self {
+            Self::Sphere | Self::FacingDisk => Form::Round,
+            Self::Quad | Self::Ellipse => Form::Flat,
+            Self::Spot | Self::SphereSpot => Form::Cone,
+        }
+    }
+
     /// Number of parameters.
     pub fn param_count(self) -> usize {
-        match self {
-            Self::Sphere | Self::FacingDisk => 4,
-            Self::Quad => 9,
-        }
+        self.param_names().len()
     }
 
     /// Names of the parameters, in order.
     pub fn param_names(self) -> &'static [&'static str] {
-        match self {
-            Self::Sphere | Self::FacingDisk => &["center_x", "center_y", "center_z", "radius"],
-            Self::Quad => &[
+        match self.form() {
+            Form::Round => &["center_x", "center_y", "center_z", "radius"],
+            Form::Flat => &[
                 "center_x", "center_y", "center_z", "edge_u_x", "edge_u_y", "edge_u_z", "edge_v_x",
                 "edge_v_y", "edge_v_z",
+            ],
+            Form::Cone => &[
+                "center_x",
+                "center_y",
+                "center_z",
+                "radius",
+                "half_angle",
+                "blend",
+                "axis_x",
+                "axis_y",
+                "axis_z",
             ],
         }
     }
 
+    /// Sizes of a shape of this kind, of which proxies learn a [`SizeRange`]: radius, or width and height.
+    pub fn sizes(self, shape: &LightShape) -> impl Iterator<Item = f32> {
+        shape.sizes().into_iter().take(if self.form() == Form::Flat { 2 } else { 1 })
+    }
+
     /// The kind of this shape, if one is learned for it.
     pub fn of(shape: &LightShape) -> Option<Self> {
-        match shape {
+        let is_wide = |spread: f32| spread >= PI - 1e-4;
+        match *shape {
             LightShape::Sphere { .. } => Some(Self::Sphere),
             LightShape::FacingDisk { .. } => Some(Self::FacingDisk),
-            LightShape::Quad { spread, .. } if *spread >= std::f32::consts::PI - 1e-4 => Some(Self::Quad),
+            LightShape::Quad { spread, .. } if is_wide(spread) => Some(Self::Quad),
+            LightShape::Ellipse { spread, .. } if is_wide(spread) => Some(Self::Ellipse),
+            LightShape::Spot { soft_falloff: true, .. } => Some(Self::Spot),
+            LightShape::Spot { soft_falloff: false, .. } => Some(Self::SphereSpot),
             _ => None,
         }
     }
@@ -68,7 +123,7 @@ impl LightKind {
     }
 }
 
-/// The parameters of one light, metres in world space, in the order of [`LightKind::param_names`].
+/// The parameters of one light, metres and radians in world space, in the order of [`LightKind::param_names`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightParams {
     kind: LightKind,
@@ -86,11 +141,34 @@ impl LightParams {
 
     /// A quad.
     pub fn quad(center: Vec3, edge_u: Vec3, edge_v: Vec3) -> Self {
+        Self::flat(LightKind::Quad, center, edge_u, edge_v)
+    }
+
+    /// A quad or ellipse.
+    pub fn flat(kind: LightKind, center: Vec3, edge_u: Vec3, edge_v: Vec3) -> Self {
+        Self::of_vectors(kind, [center, edge_u, edge_v])
+    }
+
+    /// A spot, whose half angle and blend are its `cone`.
+    pub fn spot(kind: LightKind, center: Vec3, radius: f32, cone: [f32; 2], axis: Vec3) -> Self {
+        Self::of_vectors(kind, [center, Vec3::new(radius, cone[0], cone[1]), axis])
+    }
+
+    fn of_vectors(kind: LightKind, vectors: [Vec3; 3]) -> Self {
         let mut values = [0.0; MAX_PARAMS];
-        for (to, from) in values.chunks_exact_mut(3).zip([center, edge_u, edge_v]) {
+        for (to, from) in values.chunks_exact_mut(3).zip(vectors) {
             to.copy_from_slice(&from.to_array());
         }
-        Self { kind: LightKind::Quad, values }
+        Self { kind, values }
+    }
+
+    /// A light of this size, which shines down.
+    pub(crate) fn facing_down(kind: LightKind, center: Vec3, size: f32) -> Self {
+        match kind.form() {
+            Form::Round => Self::round(kind, center, size),
+            Form::Flat => Self::flat(kind, center, Vec3::X * size, Vec3::NEG_Y * size),
+            Form::Cone => Self::spot(kind, center, size, [0.5, 0.5], Vec3::NEG_Z),
+        }
     }
 
     /// Parameters from as many values as the kind has.
@@ -110,7 +188,11 @@ impl LightParams {
             LightShape::Sphere { center, radius } | LightShape::FacingDisk { center, radius } => {
                 Self::round(kind, center, radius)
             }
-            LightShape::Quad { center, edge_u, edge_v, .. } => Self::quad(center, edge_u, edge_v),
+            LightShape::Quad { center, edge_u, edge_v, .. }
+            | LightShape::Ellipse { center, edge_u, edge_v, .. } => Self::flat(kind, center, edge_u, edge_v),
+            LightShape::Spot { center, radius, axis, half_angle, blend, .. } => {
+                Self::spot(kind, center, radius, [half_angle, blend], axis)
+            }
             _ => return None,
         })
     }
@@ -118,15 +200,19 @@ impl LightParams {
     /// The shape with these parameters.
     pub fn shape(&self) -> LightShape {
         let center = self.center();
+        let [radius, half_angle, blend] = self.vec3(3).to_array();
+        let (edge_u, edge_v, spread) = (self.vec3(3), self.vec3(6), PI);
+        let spot = |soft_falloff| {
+            let axis = self.vec3(6);
+            LightShape::Spot { center, radius, axis, half_angle, blend, soft_falloff }
+        };
         match self.kind {
-            LightKind::Sphere => LightShape::Sphere { center, radius: self.values[3] },
-            LightKind::FacingDisk => LightShape::FacingDisk { center, radius: self.values[3] },
-            LightKind::Quad => LightShape::Quad {
-                center,
-                edge_u: self.vec3(3),
-                edge_v: self.vec3(6),
-                spread: std::f32::consts::PI,
-            },
+            LightKind::Sphere => LightShape::Sphere { center, radius },
+            LightKind::FacingDisk => LightShape::FacingDisk { center, radius },
+            LightKind::Quad => LightShape::Quad { center, edge_u, edge_v, spread },
+            LightKind::Ellipse => LightShape::Ellipse { center, edge_u, edge_v, spread },
+            LightKind::Spot => spot(true),
+            LightKind::SphereSpot => spot(false),
         }
     }
 
@@ -165,13 +251,19 @@ impl SizeRange {
     }
 }
 
-/// A random light at `center`: sizes log-uniform in `size`, orientation uniform.
+/// A random light at `center`: sizes log-uniform in `size`, orientation uniform; half angles of spots uniform in
+/// [`HALF_ANGLES`], their blends in 0..1.
 pub fn random_light(kind: LightKind, center: Vec3, size: SizeRange, rng: &mut Rng) -> LightParams {
-    match kind {
-        LightKind::Sphere | LightKind::FacingDisk => LightParams::round(kind, center, size.draw(rng)),
-        LightKind::Quad => {
+    match kind.form() {
+        Form::Round => LightParams::round(kind, center, size.draw(rng)),
+        Form::Flat => {
             let frame = random_rotation(rng);
-            LightParams::quad(center, frame.x_axis * size.draw(rng), frame.y_axis * size.draw(rng))
+            LightParams::flat(kind, center, frame.x_axis * size.draw(rng), frame.y_axis * size.draw(rng))
+        }
+        Form::Cone => {
+            let [narrow, wide] = HALF_ANGLES;
+            let cone = [narrow + (wide - narrow) * rng.next_f32(), rng.next_f32()];
+            LightParams::spot(kind, center, size.draw(rng), cone, random_rotation(rng).z_axis)
         }
     }
 }
@@ -191,12 +283,17 @@ pub(crate) fn random_light_facing_down(
     size: SizeRange,
     rng: &mut Rng,
 ) -> LightParams {
-    if kind != LightKind::Quad {
+    if kind.form() == Form::Round {
         return random_light(kind, center, size, rng);
     }
     let tilt = Vec3::new(0.2 * rng.next_normal(), 0.2 * rng.next_normal(), -1.0).normalize();
+    if kind.form() == Form::Cone {
+        // All that is not far aside lies in the soft edge.
+        let cone = [1.3 + 0.15 * rng.next_f32(), 0.96 + 0.04 * rng.next_f32()];
+        return LightParams::spot(kind, center, size.draw(rng), cone, tilt);
+    }
     let u = tilt.any_orthonormal_vector();
-    LightParams::quad(center, u * size.draw(rng), tilt.cross(u) * size.draw(rng))
+    LightParams::flat(kind, center, u * size.draw(rng), tilt.cross(u) * size.draw(rng))
 }
 
 #[cfg(test)]
@@ -206,7 +303,7 @@ mod tests {
     #[test]
     fn shapes_survive_the_way_there_and_back() {
         let mut rng = Rng::stream(1, 2, 3);
-        for kind in [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad] {
+        for kind in LightKind::ALL {
             let size = SizeRange { min: 0.1, max: 2.0 };
             let light = random_light(kind, Vec3::new(1.0, 2.0, 3.0), size, &mut rng);
             assert_eq!(LightParams::from_shape(&light.shape()), Some(light));
@@ -228,7 +325,12 @@ mod tests {
 
     #[test]
     fn narrow_area_lights_are_left_to_gather() {
-        let shape = LightShape::Quad { center: Vec3::ZERO, edge_u: Vec3::X, edge_v: Vec3::Y, spread: 1.0 };
-        assert_eq!(LightParams::from_shape(&shape), None);
+        let (center, edge_u, edge_v, spread) = (Vec3::ZERO, Vec3::X, Vec3::Y, 1.0);
+        for shape in [
+            LightShape::Quad { center, edge_u, edge_v, spread },
+            LightShape::Ellipse { center, edge_u, edge_v, spread },
+        ] {
+            assert_eq!(LightParams::from_shape(&shape), None);
+        }
     }
 }

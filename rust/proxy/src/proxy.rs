@@ -9,6 +9,7 @@ use crate::encoded::EncodedTiles;
 use crate::encoding::{LightEncoding, OutputScale};
 use crate::evaluate::Evaluator;
 use crate::gpu::{DeviceNetwork, OnDevice, Parts};
+use crate::light::HALF_ANGLES;
 use crate::network::{FastNetwork, Network, ReferenceNetwork};
 use crate::params::ParamLayout;
 use crate::scene_cache::{Normalisation, SceneCache};
@@ -143,8 +144,9 @@ impl Proxy {
         d_features: &[f32],
     ) -> [f32; MAX_PARAMS] {
         with_evaluator!(self, e => {
-            let sum = e.network().gradient_sum(e.params(), d_modulation, d_features);
-            e.finish_light_gradient(&e.light(light), &sum)
+            let lit = e.light(light);
+            let sum = e.network().gradient_sum(e.params(), &lit, d_modulation, d_features);
+            e.finish_light_gradient(&lit, &sum)
         })
     }
 
@@ -156,17 +158,14 @@ impl Proxy {
         with_evaluator!(self, e => e.network().layout())
     }
 
-    /// True if this proxy answers for such a light: its kind, and sizes within the trained range (with a tenth of
-    /// slack). [`Proxy::has_learned_place`] is about positions.
+    /// True if this proxy answers for such a light: its kind, sizes within the trained range and cones no narrower than
+    /// the trained ones (with a tenth of slack). [`Proxy::has_learned_place`] is about positions.
     pub fn covers(&self, shape: &LightShape) -> bool {
-        let sizes = match *shape {
-            LightShape::Sphere { radius, .. } | LightShape::FacingDisk { radius, .. } => [radius, radius],
-            LightShape::Quad { edge_u, edge_v, .. } => [edge_u.length(), edge_v.length()],
-            _ => return false,
-        };
-        let SizeRange { min, max } = self.info.size;
-        LightKind::of(shape) == Some(self.info.kind)
-            && sizes.iter().all(|size| (0.9 * min..=1.1 * max).contains(size))
+        let (kind, SizeRange { min, max }) = (self.info.kind, self.info.size);
+        let is_narrow = |half_angle: f32| half_angle < 0.9 * HALF_ANGLES[0];
+        LightKind::of(shape) == Some(kind)
+            && kind.sizes(shape).all(|size| (0.9 * min..=1.1 * max).contains(&size))
+            && !matches!(*shape, LightShape::Spot { half_angle, .. } if is_narrow(half_angle))
     }
 
     /// True if the centre of a light of this kind is in the box of the training lights (with a tenth of slack on each

@@ -151,10 +151,7 @@ impl Sampler {
     /// Area of a light of the geometric mean size, square metres.
     pub fn middling_area(&self) -> f32 {
         let size = (self.size.min * self.size.max).sqrt();
-        let light = match self.kind {
-            LightKind::Sphere | LightKind::FacingDisk => LightParams::round(self.kind, Vec3::ZERO, size),
-            LightKind::Quad => LightParams::quad(Vec3::ZERO, Vec3::X * size, Vec3::Y * size),
-        };
+        let light = LightParams::facing_down(self.kind, Vec3::ZERO, size);
         emitting_area(&light).value
     }
 }

@@ -1,7 +1,7 @@
 //! A small scene with closed formulas, for tests and benchmarks: a chequered floor, a back wall and one
 //! ball that casts shadows, seen by a pinhole camera.
 
-use std::f32::consts::FRAC_PI_2;
+use std::f32::consts::{FRAC_PI_2, PI};
 
 use glam::{Affine3A, Quat, Vec2, Vec3};
 use relume_image::Image;
@@ -59,7 +59,18 @@ impl SyntheticRoom {
                 quad_points(hit.position, center, edge_u, edge_v)
             }
             LightShape::Sphere { center, radius } | LightShape::FacingDisk { center, radius } => {
-                vec![(center, std::f32::consts::PI * radius * radius)]
+                vec![(center, PI * radius * radius)]
+            }
+            // The rectangle of its area.
+            LightShape::Ellipse { center, edge_u, edge_v, .. } => {
+                let side = 0.5 * PI.sqrt();
+                quad_points(hit.position, center, side * edge_u, side * edge_v)
+            }
+            LightShape::Spot { center, radius, axis, half_angle, blend, .. } => {
+                let cosine = axis.dot((hit.position - center).normalize_or_zero());
+                let edge = half_angle.cos();
+                let x = ((cosine - edge) / ((1.0 - edge) * blend).max(1e-3)).clamp(0.0, 1.0);
+                vec![(center, PI * radius * radius * x * x * (3.0 - 2.0 * x))]
             }
             _ => Vec::new(),
         };

@@ -9,6 +9,9 @@ pub fn train(args: &TrainArgs, context: &CommandContext) -> anyhow::Result<()> {
         LightKindArg::Sphere => LightKind::Sphere,
         LightKindArg::FacingDisk => LightKind::FacingDisk,
         LightKindArg::Quad => LightKind::Quad,
+        LightKindArg::Ellipse => LightKind::Ellipse,
+        LightKindArg::Spot => LightKind::Spot,
+        LightKindArg::SphereSpot => LightKind::SphereSpot,
     };
     let settings = TrainSettings {
         kind,

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::matrices::ByMatrices;
 use super::network::{Matrix, Parts};
 use super::proxy::{GpuProxy, grow};
-use crate::analytic::{FEATURES, PixelSurface, Real, features, scaled_params};
+use crate::analytic::{FEATURES, PixelSurface, Real, features, seen_values};
 use crate::scene_cache::{FACTOR, SURFACE};
 use crate::{LightParams, Proxy, ProxyError};
 
@@ -55,13 +55,13 @@ impl GpuProxy {
 fn exact_pixels(proxy: &Proxy, pixels: &[u32], light: &LightParams) -> Vec<[f64; 3]> {
     let info = proxy.info();
     let modulation: Vec<f64> = proxy.modulation(light).into_iter().map(f64::from).collect();
-    let params = scaled_params(light, info.normalisation.center, info.normalisation.scale).map(f64::from);
+    let params = seen_values(light, &info.normalisation).map(f64::from);
     let scale = f64::from(info.output_scale.of(light).0);
     let parts = proxy.parts();
     let of_pixel = |&pixel: &u32| {
         let row: Vec<f64> = proxy.encoded().pixel(pixel as usize).map(f64::from).collect();
         let surface = &row[parts.pixel_rows - SURFACE..];
-        let seen = features(info.kind, &params, &surface_of(surface));
+        let seen = features(info.kind.form(), &params, &surface_of(surface));
         let values = parts.outputs(&row, &seen, &modulation);
         let factor = |channel: usize| if parts.fast { surface[FACTOR + channel] } else { 1.0 };
         std::array::from_fn(|channel| scale * (values[channel] * factor(channel)).max(0.0))

@@ -3,7 +3,7 @@ use relume_gpu::{Buffer, Gpu, Kernel, Matrices};
 
 use super::DeviceNetwork;
 use super::proxy::GpuProxy;
-use crate::{LightKind, LightParams, ProxyError};
+use crate::{LightParams, ProxyError};
 
 const MODULE: &str = "proxy/matrices";
 const ENTRY: &str = "infer_by_matrices";
@@ -95,10 +95,7 @@ fn test_light(proxy: &GpuProxy) -> LightParams {
     let info = proxy.proxy().info();
     let center = glam::Vec3::from(info.normalisation.center);
     let size = (info.size.min * info.size.max).sqrt();
-    match info.kind {
-        LightKind::Quad => LightParams::quad(center, glam::Vec3::X * size, glam::Vec3::NEG_Y * size),
-        kind => LightParams::round(kind, center, size),
-    }
+    LightParams::facing_down(info.kind, center, size)
 }
 
 #[cfg(test)]
@@ -106,8 +103,8 @@ mod tests {
     use relume_gpu::modules;
 
     use super::*;
-    use crate::NetworkConfig;
     use crate::gpu::tests::{grid, lit_on_device, on_device};
+    use crate::{LightKind, NetworkConfig};
 
     /// Emulation of matrices: each invocation holds of weights and sums the row of its number, of inputs where they
     /// are. The compiler must not know that there are 16 of everything, or it takes half a minute to unroll all loops.

@@ -1,3 +1,5 @@
+use crate::MAX_PARAMS;
+use crate::analytic::seen_params;
 use crate::network::{FastNetwork, LitFast, LitReference, Network, ReferenceNetwork};
 use crate::params::{ParamLayout, TensorId};
 use crate::scene_cache::SURFACE;
@@ -103,9 +105,10 @@ pub(crate) trait OnDevice: Network {
     fn parts<'a>(&'a self, params: &'a [f32]) -> Parts<'a>;
     /// For each layer its scale, then its shift.
     fn modulation(&self, params: &[f32], lit: &Self::Lit) -> Vec<f32>;
-    /// Sum that [`Network::light_backward`] makes, from the gradient by [`OnDevice::modulation`] and by the scaled
-    /// parameters that the features see.
-    fn gradient_sum(&self, params: &[f32], d_modulation: &[f32], d_features: &[f32]) -> Vec<f32>;
+    /// Sum that [`Network::light_backward`] makes, from the gradient by [`OnDevice::modulation`] and by the parameters
+    /// as the features see them.
+    fn gradient_sum(&self, params: &[f32], lit: &Self::Lit, d_modulation: &[f32], d_seen: &[f32])
+    -> Vec<f32>;
 }
 
 impl OnDevice for FastNetwork {
@@ -130,9 +133,14 @@ impl OnDevice for FastNetwork {
         values.map(|(index, value)| if is_scale(index) { 1.0 + value } else { *value }).collect()
     }
 
-    fn gradient_sum(&self, _params: &[f32], d_modulation: &[f32], d_features: &[f32]) -> Vec<f32> {
-        let by_metre = d_features.iter().map(|d| d / self.light.normalisation.scale);
-        d_modulation.iter().copied().chain(by_metre).collect()
+    fn gradient_sum(&self, _params: &[f32], lit: &LitFast, d_modulation: &[f32], d_seen: &[f32]) -> Vec<f32> {
+        let mut by_parameter = [0.0; MAX_PARAMS];
+        for (seen, d_seen) in seen_params(&lit.light, &self.light.normalisation).iter().zip(d_seen) {
+            for (sum, d) in by_parameter.iter_mut().zip(seen.d) {
+                *sum += d * d_seen;
+            }
+        }
+        d_modulation.iter().copied().chain(by_parameter).collect()
     }
 }
 
@@ -174,7 +182,13 @@ impl OnDevice for ReferenceNetwork {
         modulation
     }
 
-    fn gradient_sum(&self, params: &[f32], d_modulation: &[f32], _d_features: &[f32]) -> Vec<f32> {
+    fn gradient_sum(
+        &self,
+        params: &[f32],
+        _lit: &LitReference,
+        d_modulation: &[f32],
+        _d_seen: &[f32],
+    ) -> Vec<f32> {
         let width = self.mlp.sizes[1];
         let d_shift = &d_modulation[width..2 * width];
         let by_input = |input| {

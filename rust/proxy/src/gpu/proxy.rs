@@ -7,7 +7,7 @@ use relume_image::Image;
 use super::DeviceNetwork;
 use super::gradient::GradientKernels;
 use super::matrices::ByMatrices;
-use crate::analytic::scaled_params;
+use crate::analytic::seen_values;
 use crate::proxy::check_length;
 use crate::simd::LANES;
 use crate::{LightKind, LightParams, Proxy, ProxyError};
@@ -328,7 +328,7 @@ impl GpuProxy {
             values.extend_from_slice(row);
             values.resize(values.len().next_multiple_of(self.network.width), 0.0);
         }
-        let params = scaled_params(light, info.normalisation.center, info.normalisation.scale);
+        let params = seen_values(light, &info.normalisation);
         for (vector, last) in params.chunks_exact(3).zip([info.output_scale.of(light).0, 0.0, 0.0]) {
             values.extend_from_slice(vector);
             values.push(last);
@@ -406,7 +406,7 @@ fn constants(network: &DeviceNetwork, tile: usize, kind: LightKind) -> [(&'stati
         ("FAST", u32::from(network.fast)),
         ("HIDDEN", network.hidden as u32),
         ("PIXEL_ROWS", network.pixel_rows as u32),
-        ("QUAD", u32::from(kind == LightKind::Quad)),
+        ("FORM", kind.form() as u32),
     ]
 }
 

@@ -15,7 +15,6 @@ use crate::{
 };
 
 const SIZE: SizeRange = SizeRange { min: 0.1, max: 0.5 };
-const KINDS: [LightKind; 3] = [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad];
 
 /// The two sum up in different orders: a sum of n terms is off by about the square root of n times 2^-24, 1e-6 for 256, in each
 /// of a few layers; and devices may be off by 2.5 units in the last place in a division (Vulkan's rules).
@@ -91,7 +90,7 @@ fn difference(a: &[f32], b: &[f32]) -> f32 {
 fn unit_images_equal_those_of_the_cpu() {
     let mut rng = Rng::stream(1, 2, 3);
     for (index, network) in networks().into_iter().enumerate() {
-        let kind = KINDS[index % 3];
+        let kind = LightKind::ALL[index % LightKind::ALL.len()];
         let proxy = proxy(network.clone(), kind);
         let device = GpuProxy::new(gpu(), &proxy).unwrap();
         for _ in 0..2 {
@@ -196,7 +195,14 @@ fn what_does_not_fit_the_proxy_is_an_error() {
 #[test]
 fn gradients_equal_those_of_the_cpu() {
     let mut rng = Rng::stream(7, 8, 9);
-    for (index, kind) in [(0, LightKind::Quad), (1, LightKind::FacingDisk), (4, KINDS[0]), (5, KINDS[2])] {
+    for (index, kind) in [
+        (0, LightKind::Quad),
+        (1, LightKind::FacingDisk),
+        (0, LightKind::Spot),
+        (1, LightKind::Ellipse),
+        (4, LightKind::Sphere),
+        (5, LightKind::SphereSpot),
+    ] {
         let network = networks()[index].clone();
         let proxy = proxy(network.clone(), kind);
         let mut device = GpuProxy::new(gpu(), &proxy).unwrap();
@@ -217,7 +223,7 @@ fn gradients_equal_those_of_the_cpu() {
 
 #[test]
 fn light_gradients_equal_difference_quotients_of_the_device() {
-    for (kind, width) in KINDS.into_iter().zip([20, 24, 13]) {
+    for (kind, width) in LightKind::ALL.into_iter().zip([20, 24, 13, 16, 20, 24]) {
         let fast = NetworkConfig::Fast { width, layers: 2, grid: grid() };
         let reference = NetworkConfig::Reference { width, layers: 2, grid: grid() };
         for (network, area) in

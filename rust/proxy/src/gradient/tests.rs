@@ -11,7 +11,6 @@ use crate::synthetic::SyntheticRoom;
 use crate::{GridConfig, LightKind, Rng, SizeRange};
 
 pub(crate) const SIZE: SizeRange = SizeRange { min: 0.1, max: 0.5 };
-const KINDS: [LightKind; 3] = [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad];
 
 pub(crate) fn tiny_grid() -> GridConfig {
     // Eight bits make the finest levels hash.
@@ -151,7 +150,7 @@ fn frozen_loss(predictions: &[f32], base: &[f32], batch: &Batch) -> f64 {
 
 #[test]
 fn weight_gradients_of_the_reference_network_equal_difference_quotients() {
-    for kind in KINDS {
+    for kind in LightKind::ALL {
         let setup = setup(kind);
         let network = ReferenceNetwork::new(24, 3, &tiny_grid(), setup.size, setup.encoding);
         check_weight_gradients(&network, &setup, 24, &format!("reference, {kind}"));
@@ -160,7 +159,7 @@ fn weight_gradients_of_the_reference_network_equal_difference_quotients() {
 
 #[test]
 fn weight_gradients_of_the_fast_network_equal_difference_quotients() {
-    for kind in KINDS {
+    for kind in LightKind::ALL {
         let setup = setup(kind);
         let network = FastNetwork::new(20, 2, &tiny_grid(), setup.size, setup.encoding);
         check_weight_gradients(&network, &setup, 20, &format!("fast, {kind}"));
@@ -226,7 +225,7 @@ fn check_light_gradient<N: Network>(network: &N, setup: &Setup, width: usize, wh
 
 #[test]
 fn light_gradients_equal_difference_quotients_in_every_parameter() {
-    for kind in KINDS {
+    for kind in LightKind::ALL {
         let setup = setup(kind);
         let reference = ReferenceNetwork::new(24, 2, &tiny_grid(), setup.size, setup.encoding);
         check_light_gradient(&reference, &setup, 24, &format!("reference, {kind}"));

@@ -51,7 +51,7 @@ pub(crate) struct FastScratch {
 
 /// A light, its modulation and the head with that modulation folded in.
 pub(crate) struct LitFast {
-    light: LightParams,
+    pub light: LightParams,
     pub modulation: Modulation,
     head: FoldedHead,
 }

@@ -225,6 +225,22 @@ fn proxies_refuse_other_lights_and_wrong_lengths() {
 }
 
 #[test]
+fn spots_are_covered_from_the_narrowest_learned_cone_on() {
+    let features = Arc::new(SyntheticRoom::new(24, 16).features());
+    let trainer = Trainer::new(features, LightKind::Spot, config(8_000), 1).expect("valid");
+    let proxy = trainer.proxy().expect("weights");
+    let covers = |kind, radius, half_angle| {
+        let cone = [half_angle, 0.0];
+        proxy.covers(&LightParams::spot(kind, glam::Vec3::Z, radius, cone, glam::Vec3::NEG_Z).shape())
+    };
+    let radius = proxy.info().size.max;
+    assert!(covers(LightKind::Spot, radius, 1.5) && covers(LightKind::Spot, radius, 0.05));
+    assert!(!covers(LightKind::Spot, radius, 0.02), "a narrower cone");
+    assert!(!covers(LightKind::Spot, 2.0 * radius, 0.5), "a larger light");
+    assert!(!covers(LightKind::SphereSpot, radius, 0.5), "without soft falloff");
+}
+
+#[test]
 fn subsets_and_coarse_images_show_the_same_pixels() {
     let room = SyntheticRoom::new(37, 19);
     let proxy = trained(config(8_000), LightKind::Sphere, &room).proxy().expect("weights");

@@ -1,8 +1,9 @@
 use crate::error::SessionError;
 use crate::files::checksum::{self, crc32};
-use crate::files::names::{CONTENTS_FILE, GUIDED_FILE, KINDS, LIGHTS_FILE, measured_path, proxy_path};
+use crate::files::names::{CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, measured_path, proxy_path};
 use relume_dump::Manifest;
 use relume_image::write_atomically;
+use relume_proxy::LightKind;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
@@ -121,7 +122,7 @@ pub fn lost_files(folder: &Path) -> Vec<String> {
             ),
         );
     }
-    for kind in KINDS {
+    for kind in LightKind::ALL {
         let files = [proxy_path(folder, kind), measured_path(folder, kind)];
         let names: Vec<String> =
             files.iter().filter(|path| contents.lacks(path)).map(|path| name_of(path)).collect();
@@ -159,7 +160,6 @@ fn name_of(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use relume_proxy::LightKind;
 
     fn write(path: &Path) {
         std::fs::write(path, "something").unwrap();

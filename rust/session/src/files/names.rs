@@ -25,9 +25,6 @@ pub(crate) const SHOT_FILE: &str = "shot.json";
 /// Goal of a bake under way, written by the add-on.
 pub(crate) const WANTED_FILE: &str = "wanted.json";
 
-/// Kinds of lights that a folder may hold a proxy for.
-pub(crate) const KINDS: [LightKind; 3] = [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad];
-
 /// File of a proxy in its folder.
 pub fn proxy_path(folder: &Path, kind: LightKind) -> PathBuf {
     folder.join(format!("proxy_{kind}.safetensors"))

@@ -1,6 +1,6 @@
 use crate::error::SessionError;
 use crate::files::damage::damage_message;
-use crate::files::names::{KINDS, measured_path, proxy_path};
+use crate::files::names::{measured_path, proxy_path};
 use relume_proxy::{LightKind, Proxy};
 use relume_scene::{Light, LobeFactors};
 use serde::{Deserialize, Serialize};
@@ -84,7 +84,7 @@ impl Proxies {
     /// Opens all proxies of a folder that are of this scene; says what is wrong with others, and with measurements.
     pub fn open_usable(folder: &Path, scene_hash: &str) -> (Self, Vec<String>) {
         let (mut list, mut unusable) = (Vec::new(), Vec::new());
-        for kind in KINDS {
+        for kind in LightKind::ALL {
             match TrainedProxy::open(folder, kind, scene_hash) {
                 Ok(None) => {}
                 Ok(Some(trained)) => {

@@ -9,7 +9,7 @@ use crate::files::damage::{damage_message, reason_of};
 use crate::files::inspect::info;
 use crate::files::light_set::LightSet;
 use crate::files::names::{
-    BASE_FILE, CONTENTS_FILE, GUIDED_FILE, KINDS, LIGHTS_FILE, SCENE_FILE, SHOT_FILE, VIEW_FILE, WANTED_FILE,
+    BASE_FILE, CONTENTS_FILE, GUIDED_FILE, LIGHTS_FILE, SCENE_FILE, SHOT_FILE, VIEW_FILE, WANTED_FILE,
     WORLD_FILE, measured_path, proxy_path, training_path,
 };
 use crate::files::proxies::{TrainedProxy, read_measured};
@@ -32,7 +32,8 @@ pub fn validate(path: &Path, monitor: &Monitor) -> Result<Vec<String>, SessionEr
         let manifest = if is_bake { Manifest::read(path).ok() } else { None };
         let paths = if is_bake { faults_of_paths(path, manifest.as_ref()) } else { Vec::new() };
         let hash = scene_hash(path, manifest.as_ref());
-        let proxies = KINDS.into_iter().flat_map(|kind| faults_of_proxy(path, kind, hash.as_deref()));
+        let proxies =
+            LightKind::ALL.into_iter().flat_map(|kind| faults_of_proxy(path, kind, hash.as_deref()));
         [paths, lost_files(path), faults_of_files(path, manifest.as_ref()), proxies.collect()].concat()
     } else {
         // Single files are checked whole by their readers.

@@ -260,7 +260,7 @@ impl Shared {
 /// The kinds that some lights are of, of those that have proxies, in the order in which they are learned.
 fn kinds_of(lights: &[Light]) -> Vec<LightKind> {
     let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of_light(light) == Some(*kind));
-    [LightKind::FacingDisk, LightKind::Sphere, LightKind::Quad].into_iter().filter(used).collect()
+    LightKind::ALL.into_iter().filter(used).collect()
 }
 
 impl State {

@@ -328,7 +328,17 @@ fn kinds_of_light_that_come_into_use_later_are_learned_too() {
     let (edge_u, edge_v) = (4.0 * Vec3::X, Vec3::Y);
     let quad =
         of("Rim", LightShape::Quad { center: 1.5 * Vec3::Z, edge_u, edge_v, spread: std::f32::consts::PI });
-    let point = of("Bulb", LightShape::FacingDisk { center: 1.5 * Vec3::Z, radius: 0.2 });
+    let (center, radius) = (1.5 * Vec3::Z, 0.2);
+    let point = of("Bulb", LightShape::FacingDisk { center, radius });
+    let spot = LightShape::Spot {
+        center,
+        radius,
+        axis: Vec3::NEG_Z,
+        half_angle: 0.5,
+        blend: 0.2,
+        soft_falloff: true,
+    };
+    let spot = of("Spot", spot);
     let kinds = |status: LiveStatus| status.proxies.into_keys().collect::<Vec<_>>();
 
     live.relight(request(&[lamp(0.0)]));
@@ -339,17 +349,19 @@ fn kinds_of_light_that_come_into_use_later_are_learned_too() {
     let info = relume_proxy::read_info(&folder.path().join("proxy_quad.safetensors")).unwrap();
     assert_eq!(info.size.max, 6.0, "the light that is there is among what was learned");
 
-    let lights = [lamp(0.0), quad, point];
+    let lights = [lamp(0.0), quad, point, spot.clone()];
     live.relight(LiveRequest { interactive: true, ..request(&lights) });
     assert!(live.status().unlearned.is_empty(), "it is being dragged still");
     live.relight(request(&lights));
-    assert_eq!(live.status().unlearned, ["facing-disk"]);
+    assert_eq!(live.status().unlearned, ["facing-disk", "spot"]);
     live.learn(1.0).unwrap();
     assert_eq!(live.status().state, LiveState::Training);
     assert!(live.learn(1.0).is_err(), "twice at once");
     let status = state(&live, LiveState::Ready);
     assert!(status.unlearned.is_empty());
-    assert_eq!(kinds(status), ["facing-disk", "quad", "sphere"]);
+    assert_eq!(kinds(status), ["facing-disk", "quad", "sphere", "spot"]);
+    let by_proxy = LiveRequest { method: Method::Proxy, ..request(&[spot]) };
+    assert_eq!(settled(&live, live.relight(by_proxy)).shown.sources["Spot"], UnitSource::Proxy);
 }
 
 #[test]

@@ -4,8 +4,8 @@ use crate::bake::guiding::GuideCoverage;
 use crate::device::gather::DeviceGather;
 use crate::files::proxies::Proxies;
 use relume_gather::Gather;
-use relume_proxy::LightKind;
-use relume_scene::Light;
+use relume_proxy::{HALF_ANGLES, LightKind};
+use relume_scene::{Light, LightShape};
 
 /// Warnings about the lights of a picture.
 #[derive(Default)]
@@ -59,7 +59,13 @@ pub(crate) fn outside_of_training(light: &Light, proxies: &Proxies) -> Option<St
     }
     let reason = if proxies.covering(light).is_none() {
         let (min, max) = (info.size.min, info.size.max);
-        format!("sizes of {min:.2} to {max:.2} m, usual ray visibility, no light linking")
+        let cone = match light.shape {
+            LightShape::Spot { .. } => {
+                format!("spot sizes from {:.0} degrees on, ", 2.0 * HALF_ANGLES[0].to_degrees())
+            }
+            _ => String::new(),
+        };
+        format!("sizes of {min:.2} to {max:.2} m, {cone}usual ray visibility, no light linking")
     } else {
         let range = |axis: usize| {
             let [least, greatest] = info.trained_ranges[axis];
@@ -82,7 +88,7 @@ pub(crate) fn without_proxy(names: &[&str]) -> Option<String> {
         [one, other, more @ ..] => format!("'{one}', '{other}' and {} more", more.len()),
     };
     Some(format!(
-        "no proxy has learned lights such as {named} (only points, and rectangles of full spread, ever are): they are \
-         summed from the samples, which is slower"
+        "no proxy has learned lights such as {named} (only points, spots, and area lights of full spread, ever are): they \
+         are summed from the samples, which is slower"
     ))
 }

@@ -1,6 +1,6 @@
 use glam::Vec3;
 use relume_optimise::{Bounds, Locks, Variable};
-use relume_proxy::LightKind;
+use relume_proxy::{HALF_ANGLES, LightKind};
 use relume_scene::{Light, LightShape};
 use std::mem::discriminant;
 
@@ -205,6 +205,7 @@ impl Unknowns {
                 bounds.center_min = bounds.center_min.max(corner(0));
                 bounds.center_max = bounds.center_max.min(corner(1));
                 bounds.size = [bounds.size[0].max(info.size.min), bounds.size[1].min(info.size.max)];
+                bounds.cone[0] = bounds.cone[0].max(HALF_ANGLES[0]);
             }
         }
     }
@@ -269,7 +270,7 @@ fn new_shape(kind: NewLightKind, (low, high): (Vec3, Vec3), views: &[&Relighter]
         }
         NewLightKind::Spot => LightShape::Spot {
             center,
-            radius: 0.02 * extent,
+            radius: size(LightKind::Spot, 0.02 * extent),
             axis: -Vec3::Z,
             half_angle: NEW_CONE,
             blend: 0.15,

@@ -115,13 +115,20 @@ pub(super) fn by_lane(params: &LightParams, gradient: &[f32]) -> [f32; LANES] {
     let mut lanes = [0.0; LANES];
     lanes[lane::CENTER].copy_from_slice(&gradient[..3]);
     let values = params.as_slice();
+    let vector = |of: &[f32], start: usize| Vec3::from_slice(&of[start..start + 3]);
     match params.kind() {
         LightKind::Sphere | LightKind::FacingDisk => lanes[6] = gradient[3] * values[3],
-        LightKind::Quad => {
-            let vector = |of: &[f32], start: usize| Vec3::from_slice(&of[start..start + 3]);
+        LightKind::Spot | LightKind::SphereSpot => {
+            lanes[6] = gradient[3] * values[3];
+            [lanes[lane::CONE], lanes[lane::BLEND]] = [gradient[4], gradient[5]];
+            // A turn by a small vector w moves an axis by w x axis.
+            let turn = vector(values, 6).cross(vector(gradient, 6));
+            lanes[lane::TURN].copy_from_slice(&turn.to_array());
+        }
+        LightKind::Quad | LightKind::Ellipse => {
             let (u, v) = (vector(values, 3), vector(values, 6));
             let (by_u, by_v) = (vector(gradient, 3), vector(gradient, 6));
-            // A turn by a small vector w moves an edge by w x edge.
+            // Edges likewise.
             let turn = u.cross(by_u) + v.cross(by_v);
             lanes[lane::TURN].copy_from_slice(&turn.to_array());
             lanes[lane::SIZE].copy_from_slice(&[u.dot(by_u), v.dot(by_v)]);
@@ -150,13 +157,16 @@ pub(super) mod tests {
 
     #[test]
     fn gradients_by_lanes_are_differences_of_a_proxy() {
-        for kind in [LightKind::Sphere, LightKind::FacingDisk, LightKind::Quad] {
-            let proxy = trained(kind);
+        for kind in LightKind::ALL {
+            let (proxy, center) = (trained(kind), Vec3::new(0.1, -0.3, 1.6));
             let light = match kind {
-                LightKind::Quad => {
-                    LightParams::quad(Vec3::new(0.1, -0.3, 1.6), 0.3 * Vec3::Y, Vec3::new(0.35, 0.0, 0.1))
+                LightKind::Quad | LightKind::Ellipse => {
+                    LightParams::flat(kind, center, 0.3 * Vec3::Y, Vec3::new(0.35, 0.0, 0.1))
                 }
-                _ => LightParams::round(kind, Vec3::new(0.1, -0.3, 1.6), 0.3),
+                LightKind::Spot | LightKind::SphereSpot => {
+                    LightParams::spot(kind, center, 0.3, [1.0, 0.6], Vec3::new(0.28, 0.0, -0.96))
+                }
+                _ => LightParams::round(kind, center, 0.3),
             };
             let pixels: Vec<u32> = (0..640).collect();
             let mut weights: Vec<[f32; 3]> = (0..640).map(|i| [1.0, 0.5, 0.1 * (i % 7) as f32]).collect();

@@ -3,7 +3,7 @@ use crate::error::SessionError;
 use crate::files::light_set::LightSet;
 use relume_dump::Dump;
 use relume_proxy::{LightKind, SizeRange};
-use relume_scene::{Light, LightShape};
+use relume_scene::Light;
 use std::path::Path;
 
 /// Sizes of lights that are worth learning for a bake, by the lights of its scene ([`sizes_with`]).
@@ -24,20 +24,13 @@ pub(crate) fn sizes_with(bake: &Path, kind: LightKind, lights: &[Light]) -> Resu
     let (low, high) = pixel_features(&dump.aovs(), &camera(dump.manifest())?).visible_bounds();
     let extent = low.distance(high).max(1e-3);
     let mut range = match kind {
-        LightKind::Sphere | LightKind::FacingDisk => SizeRange { min: extent / 200.0, max: extent / 10.0 },
-        LightKind::Quad => SizeRange { min: extent / 50.0, max: extent / 5.0 },
+        LightKind::Quad | LightKind::Ellipse => SizeRange { min: extent / 50.0, max: extent / 5.0 },
+        _ => SizeRange { min: extent / 200.0, max: extent / 10.0 },
     };
     const SLACK: f32 = 1.5;
-    for light in lights {
-        let sizes = match light.shape {
-            _ if LightKind::of_light(light) != Some(kind) => continue,
-            LightShape::Sphere { radius, .. } | LightShape::FacingDisk { radius, .. } => [radius, radius],
-            LightShape::Quad { edge_u, edge_v, .. } => [edge_u.length(), edge_v.length()],
-            _ => continue,
-        };
-        for size in sizes {
-            range = SizeRange { min: range.min.min(size / SLACK), max: range.max.max(size * SLACK) };
-        }
+    let of_kind = lights.iter().filter(|light| LightKind::of_light(light) == Some(kind));
+    for size in of_kind.flat_map(|light| kind.sizes(&light.shape)) {
+        range = SizeRange { min: range.min.min(size / SLACK), max: range.max.max(size * SLACK) };
     }
     Ok(range)
 }

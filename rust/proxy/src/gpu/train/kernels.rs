@@ -3,6 +3,7 @@ use relume_gpu::{Binding, Bound, Gpu, GpuError, Kernel};
 use super::optimise::Optimise;
 use super::store::Store;
 use super::{Buffers, GpuTraining};
+use crate::light::Form;
 
 /// Kernels that a gradient needs, with their buffers.
 #[derive(Debug)]
@@ -33,7 +34,7 @@ impl Kernels {
         buffers: &Buffers,
         store: &Store,
         optimise: &Optimise,
-        quads: bool,
+        form: Form,
     ) -> Result<Self, GpuError> {
         let bind = |stage: &str, entry: &str, bindings: &[Binding<'_>]| {
             gpu.kernel(&format!("train/{stage}"), entry, &[])?.bind(bindings)
@@ -46,7 +47,7 @@ impl Kernels {
         let products =
             Products::new((buffers, store, optimise), false, |name, entry| gpu.kernel(name, entry, &[]))?;
         Ok(Self {
-            inputs: gpu.kernel("train/inputs", "inputs", &[("QUAD", u32::from(quads))])?.bind(&inputs)?,
+            inputs: gpu.kernel("train/inputs", "inputs", &[("FORM", form as u32)])?.bind(&inputs)?,
             sum_slots: bind("slots", "sum_slots", &[activations])?,
             scatter: bind("scatter", "scatter", &scatter)?,
             targets: gpu.kernel("train/targets", "store", &[])?,

@@ -52,7 +52,7 @@ use crate::optim::StepRates;
 use crate::replay::BLOCK;
 use crate::scene_cache::SceneCache;
 use crate::simd::LANES;
-use crate::{DeviceTargets, GroupQueries, LightKind, LightParams, ProxyError, TrainConfig};
+use crate::{DeviceTargets, GroupQueries, LightParams, ProxyError, TrainConfig};
 
 /// Most samples that run together; more do not fill a card better, and their activations leave its cache.
 const MOST_SAMPLES: u32 = 32_768;
@@ -153,8 +153,7 @@ impl GpuTraining {
         let store = Store::new(&gpu, demand.chunks, config.lights_per_pixel, encoding, demand.scene)?;
         let of_optimise = [&buffers.pieces, &buffers.losses];
         let optimise = Optimise::new(&gpu, layout, (plan.dense, config.muon), of_optimise)?;
-        let quads = encoding.kind == LightKind::Quad;
-        let kernels = Kernels::new(&gpu, &buffers, &store, &optimise, quads)?;
+        let kernels = Kernels::new(&gpu, &buffers, &store, &optimise, encoding.kind.form())?;
         let batch = Batch { samples: capacity, capacity, slots };
         let mut training =
             Self { gpu, plan, batch, part: capacity, piece, store, buffers, kernels, optimise };

@@ -3,12 +3,12 @@ use std::sync::Arc;
 use relume_gpu::{Buffer, Gpu, GpuError};
 
 use crate::LightParams;
-use crate::analytic::scaled_params;
+use crate::analytic::seen_values;
 use crate::encoding::{LightEncoding, OutputScale};
 use crate::gradient::Batch;
 use crate::loss::TILE;
 use crate::network::{CHUNK, CHUNK_TILES};
-use crate::scene_cache::{Normalisation, PIXEL_ROW, SceneCache};
+use crate::scene_cache::{PIXEL_ROW, SceneCache};
 
 /// Values of a light, as in `train/store.wgsl`.
 pub(super) const LIGHT_ROW: usize = 49;
@@ -78,10 +78,9 @@ impl Store {
 
     /// The row of a light whose samples weigh this much, for outputs of this scale.
     pub fn light_row(&self, light: &LightParams, weight: f32, scale: &OutputScale) -> [f32; LIGHT_ROW] {
-        let Normalisation { center, scale: unit, .. } = self.encoding.normalisation;
         let inputs = self.encoding.inputs();
         let mut row = [0.0; LIGHT_ROW];
-        row[..LIGHT_WEIGHT].copy_from_slice(&scaled_params(light, center, unit));
+        row[..LIGHT_WEIGHT].copy_from_slice(&seen_values(light, &self.encoding.normalisation));
         row[LIGHT_WEIGHT] = weight;
         row[LIGHT_INVERSE_SCALE] = 1.0 / scale.of(light).0;
         row[LIGHT_INPUTS..LIGHT_INPUTS + inputs].copy_from_slice(&self.encoding.encode(light)[..inputs]);

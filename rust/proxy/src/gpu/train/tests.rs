@@ -20,8 +20,8 @@ use crate::sampling::Sampler;
 use crate::simd::{Isa, LANES};
 use crate::synthetic::SyntheticRoom;
 use crate::{
-    GridConfig, LearningRates, LightParams, LightPlacement, NetworkConfig, PixelQueries, Rng, TargetMode,
-    TargetSource, Trainer,
+    GridConfig, LearningRates, LightKind, LightParams, LightPlacement, NetworkConfig, PixelQueries, Rng,
+    TargetMode, TargetSource, Trainer,
 };
 
 /// Any device will do, a software driver included; that there is none is a failure.
@@ -120,9 +120,10 @@ fn check_gradient<N: Network>(network: &N, setup: &Setup, config: &TrainConfig, 
 fn gradients_of_every_tensor_equal_those_of_the_cpu() {
     // Layers in chains, of one tile of rows and of two; layer by layer.
     for (kind, width, slots) in [
-        (LightKind::Sphere, 20, 8),
+        (LightKind::Spot, 20, 8),
         (LightKind::Quad, 72, 32),
         (LightKind::FacingDisk, 16, 1),
+        (LightKind::Ellipse, 16, 4),
         (LightKind::Sphere, 132, 16),
     ] {
         let setup = setup(kind);
