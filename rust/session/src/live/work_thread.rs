@@ -196,9 +196,12 @@ impl WorkRun {
         }
         let _preparing = Preparing::new(&self.shared);
         let stop = || self.cancel.requested() || self.shared.lock().closed;
-        self.seat.wait_to_prepare(&stop);
+        let Some(preparation) = self.seat.wait_to_prepare(&stop) else { return };
         let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
-        match scene.and_then(|scene| Connections::new(scene, manifest, None, self.seat.members())) {
+        let connections =
+            scene.and_then(|scene| Connections::new(scene, manifest, None, self.seat.members()));
+        drop(preparation);
+        match connections {
             Ok(Some(connections)) => {
                 deliver_levels(&self.shared, &self.seat, &Arc::new(connections), &stop);
             }
@@ -438,7 +441,7 @@ fn deliver_levels(
     stop: &(dyn Fn() -> bool + Sync),
 ) {
     while !(stop() || connections.is_prepared()) {
-        seat.wait_to_prepare(stop);
+        let Some(_preparation) = seat.wait_to_prepare(stop) else { return };
         if connections.prepare_next(&|| stop() || seat.is_held()) {
             shared.change(|state| {
                 state.connections = Some(Arc::clone(connections));
