@@ -44,6 +44,8 @@ struct BoardState {
     waiting: Vec<Waiting>,
     /// Purpose of the picture that is being made.
     taken: Option<Stage>,
+    /// The shot that nobody looks at and that prepares what its better pictures need.
+    preparing: Option<u64>,
     drag: Option<Drag>,
 }
 
@@ -75,6 +77,9 @@ pub(super) struct Turn {
     stage: Stage,
     began: Instant,
 }
+
+/// Leave to prepare, which ends when it is dropped.
+pub(super) struct Preparation<'a>(&'a Seat);
 
 impl BoardState {
     /// The one of those that wait whose turn is next; none if the active picture should not be held up by any.
@@ -114,6 +119,17 @@ impl BoardState {
             return false;
         }
         self.drag.is_some_and(|drag| !drag.is_over(now)) || self.is_urgent()
+    }
+
+    /// Gives a shot leave to prepare, if it may: of those that nobody looks at one at a time, as not all of what is
+    /// prepared can be put off once it has begun.
+    fn begin_to_prepare(&mut self, seat: u64, now: Instant) -> bool {
+        let is_aside = self.active.is_some_and(|active| active != seat);
+        let may = !self.holds(seat, now) && !(is_aside && self.preparing.is_some());
+        if may && is_aside {
+            self.preparing = Some(seat);
+        }
+        may
     }
 
     /// True while some shot needs the machine for a picture that somebody waits for.
@@ -174,16 +190,17 @@ impl Seat {
     }
 
     /// Waits until this shot may prepare what its better pictures need: while another one is looked at, not beside a
-    /// drag or a picture that somebody waits for. Ends early if `stop` became true.
-    pub fn wait_to_prepare(&self, stop: &dyn Fn() -> bool) {
+    /// drag, a picture that somebody waits for, or a third shot that prepares. None if `stop` became true before.
+    pub fn wait_to_prepare(&self, stop: &dyn Fn() -> bool) -> Option<Preparation<'_>> {
         while !stop() {
-            let state = self.board.lock();
-            if !state.holds(self.number, Instant::now()) {
-                return;
+            let mut state = self.board.lock();
+            if state.begin_to_prepare(self.number, Instant::now()) {
+                return Some(Preparation(self));
             }
             let waited = self.board.0.changed.wait_timeout(state, LOOK_AGAIN);
             drop(waited.unwrap_or_else(PoisonError::into_inner));
         }
+        None
     }
 
     /// Waits for a turn; none if `stop` became true before.
@@ -216,6 +233,16 @@ impl Drop for Seat {
         if state.active == Some(self.number) {
             (state.active, state.drag) = (None, None);
         }
+    }
+}
+
+impl Drop for Preparation<'_> {
+    fn drop(&mut self) {
+        let Self(seat) = self;
+        let mut state = seat.board.lock();
+        state.preparing = state.preparing.filter(|preparing| *preparing != seat.number);
+        drop(state);
+        seat.board.0.changed.notify_all();
     }
 }
 
@@ -292,16 +319,43 @@ mod tests {
     }
 
     #[test]
+    fn one_at_a_time_prepares_beside_the_active_shot() {
+        let (now, mut state) = (Instant::now(), state(1, &[]));
+        assert!(state.begin_to_prepare(0, now) && !state.begin_to_prepare(2, now));
+        assert!(
+            state.begin_to_prepare(1, now) && state.preparing == Some(0),
+            "the active one needs no leave"
+        );
+        state.preparing = None;
+        state.note(true, Stage::Drag, now, now);
+        assert!(!state.begin_to_prepare(2, now) && state.preparing.is_none(), "a drag");
+        state.active = None;
+        assert!(state.begin_to_prepare(0, now) && state.begin_to_prepare(2, now), "all are looked at");
+    }
+
+    #[test]
+    fn who_has_prepared_lets_the_next_one_do_so() {
+        let board = Board::default();
+        let [active, second, third] = [board.seat(), board.seat(), board.seat()];
+        active.attend();
+        let preparation = second.wait_to_prepare(&|| false);
+        let begun = Instant::now();
+        assert!(third.wait_to_prepare(&|| begun.elapsed() > at(30)).is_none());
+        drop(preparation);
+        assert!(third.wait_to_prepare(&|| false).is_some());
+    }
+
+    #[test]
     fn who_waits_to_prepare_goes_on_at_rest_and_ends_when_closed() {
         let board = Board::default();
         let [active, other] = [board.seat(), board.seat()];
         active.attend();
         let turn = active.turn(Stage::First, || false).unwrap();
         assert!(other.is_held() && !active.is_held());
-        other.wait_to_prepare(&|| true);
+        assert!(other.wait_to_prepare(&|| true).is_none());
         let waits = std::thread::spawn({
             let other = other.clone();
-            move || other.wait_to_prepare(&|| false)
+            move || drop(other.wait_to_prepare(&|| false))
         });
         std::thread::sleep(at(30));
         assert!(!waits.is_finished());

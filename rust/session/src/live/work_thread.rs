@@ -194,8 +194,10 @@ impl WorkRun {
         }
         let _preparing = Preparing::new(&self.shared);
         let stop = || self.cancel.requested() || self.shared.lock().closed;
-        self.seat.wait_to_prepare(&stop);
-        match Connections::stored(&self.folder, manifest, self.seat.members()) {
+        let Some(preparation) = self.seat.wait_to_prepare(&stop) else { return };
+        let connections = Connections::stored(&self.folder, manifest, self.seat.members());
+        drop(preparation);
+        match connections {
             Ok(Some(connections)) => {
                 deliver_levels(&self.shared, &self.seat, &Arc::new(connections), &stop);
             }
@@ -443,7 +445,7 @@ fn deliver_levels(
     stop: &(dyn Fn() -> bool + Sync),
 ) {
     while !(stop() || connections.is_prepared()) {
-        seat.wait_to_prepare(stop);
+        let Some(_preparation) = seat.wait_to_prepare(stop) else { return };
         if connections.prepare_next(&|| stop() || seat.is_held()) {
             shared.change(|state| {
                 state.connections = Some(Arc::clone(connections));
