@@ -125,7 +125,7 @@ impl BoardState {
     /// prepared can be put off once it has begun.
     fn begin_to_prepare(&mut self, seat: u64, now: Instant) -> bool {
         let is_aside = self.active.is_some_and(|active| active != seat);
-        let may = !self.holds(seat, now) && !(is_aside && self.preparing.is_some());
+        let may = !(self.holds(seat, now) || is_aside && self.preparing.is_some());
         if may && is_aside {
             self.preparing = Some(seat);
         }
