@@ -114,7 +114,7 @@ mod tests {
             }
             image
         };
-        let albedo = |x: usize| if x % 3 == 0 { WHITE } else { DARK };
+        let albedo = |x: usize| if x.is_multiple_of(3) { WHITE } else { DARK };
         let aovs = Aovs {
             albedo: make(3, &|x, _| albedo(x)),
             normal: make(3, &|x, c| f32::from(if floor(x) { c == 2 } else { c == 1 })),
