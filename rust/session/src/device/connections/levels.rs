@@ -8,6 +8,9 @@ use relume_trace::{PixelVertices, VertexLimits};
 /// Memory of all vertices that are kept, of all shots that are shown together, bytes. The first level of each is kept
 /// whatever it takes.
 pub(super) const VERTEX_MEMORY: usize = 1 << 30;
+/// Number of the first path. Bakes are of those far below, and so are [`crate::device::blocks::BlockVertices`]: what is connected,
+/// what crosses a light and what was solved by are independent. It is within the numbers that the sampler shuffles.
+const FIRST_PATH: u32 = 1 << 15;
 /// Paths per pixel whose vertices lights are connected to.
 const PATHS: u32 = 32;
 /// Vertices that are kept of a path but its first: those of later bounces matter less.
@@ -26,18 +29,14 @@ pub(crate) fn limits(samples: u32) -> VertexLimits {
     VertexLimits { first: samples as usize, later: (LATER * samples) as usize }
 }
 
-/// Levels of a picture, of paths that are neither in the bake nor those of the first [`crate::device::blocks::BlockVertices`] after
-/// it: what is connected, what crosses a light and what was solved by are independent.
+/// Levels of a picture.
 pub(super) fn levels(manifest: &Manifest) -> Vec<Level> {
-    let end = manifest.passes.iter().map(|pass| pass.first_sample + pass.samples).max().unwrap_or(0);
-    // Aligned runs are well spread.
-    let first_sample = end.next_multiple_of(PATHS) + PATHS;
     let mut levels = Vec::new();
     let mut sum = 0;
     while sum < PATHS {
         let samples = sum.clamp(1, PATHS - sum);
         levels.push(Level {
-            pass: Pass { first_sample: first_sample + sum, samples },
+            pass: Pass { first_sample: FIRST_PATH + sum, samples },
             limits: limits(samples),
             kept: (0..manifest.tile_count()).map(|_| OnceLock::new()).collect(),
         });

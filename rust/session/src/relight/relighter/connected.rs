@@ -29,20 +29,20 @@ impl Relighter {
     pub fn connect(&mut self, scene: Arc<Scene>) -> Result<(), SessionError> {
         let Some(gather) = &self.gather else { return Ok(()) };
         if let Some(connections) = Connections::new(scene, gather.gather().dump().manifest(), None, 1)? {
-            self.connect_by(connections);
+            self.connect_by(&Arc::new(connections));
         }
         Ok(())
     }
 
     /// [`Self::connect`] in that of some open scenes that was baked; false if there is none.
     pub fn connect_open(&mut self, scenes: &OpenScenes) -> bool {
-        let Some(gather) = &mut self.gather else { return false };
+        let Some(gather) = &self.gather else { return false };
         let manifest = gather.gather().dump().manifest();
-        let Some(open) = scenes.0.iter().find(|open| open.is_of(manifest)) else { return false };
-        let levels = manifest.passes.len();
-        gather.connect(open, levels);
-        self.units = Mutex::default();
-        true
+        let open = scenes.0.iter().find(|open| open.is_of(manifest));
+        if let Some(open) = open {
+            self.connect_by(open);
+        }
+        open.is_some()
     }
 
     /// Trees of a scene, if lights are connected in that.
@@ -55,16 +55,16 @@ impl Relighter {
     pub fn connect_stored(&mut self, monitor: &Monitor) {
         let Some(gather) = &self.gather else { return };
         match Connections::stored(&self.folder, gather.gather().dump().manifest(), 1) {
-            Ok(Some(connections)) => self.connect_by(connections),
+            Ok(Some(connections)) => self.connect_by(&Arc::new(connections)),
             Ok(None) => {}
             Err(warning) => monitor.warn(&warning),
         }
     }
 
-    fn connect_by(&mut self, connections: Connections) {
+    fn connect_by(&mut self, connections: &Arc<Connections>) {
         let Some(gather) = &mut self.gather else { return };
-        let levels = connections.manifest().passes.len();
-        gather.connect(&Arc::new(connections), levels);
+        let levels = gather.gather().dump().manifest().passes.len();
+        gather.connect(connections, levels);
         self.units = Mutex::default();
     }
 
