@@ -5,10 +5,10 @@ use relume_scene::Light;
 
 /// Cells of each goal by which lights are judged.
 const JUDGED: usize = 4096;
-/// A light that lowers the loss by less than this share of it does nothing.
-const LEAST_USE: f64 = 0.01;
-/// Loss that nobody sees, a tenth of that of half a step of an eight-bit picture: a faint light may fit noise by as much.
-const INVISIBLE: f64 = 0.1 / (510.0 * 510.0);
+/// A light that lowers the loss by less than this share of it does nothing: it may fit the noise of the goals by as much.
+const LEAST_USE: f64 = 0.1;
+/// Loss that nobody sees, a hundredth of that of half a step of an eight-bit picture.
+const INVISIBLE: f64 = 0.01 / (510.0 * 510.0);
 
 /// Those of some lights that may go because the goals do not need them, the least needed first. `softness` is that of the
 /// comparison.
