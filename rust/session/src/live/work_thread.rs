@@ -399,14 +399,9 @@ impl WorkRun {
             clock: Clock::Wall,
             half_for_measuring: true,
         };
-        let connections = self.shared.lock().connections.clone();
-        let job = TrainJob {
-            bake: &self.folder,
-            out: &self.folder,
-            settings: &settings,
-            resume: false,
-            connections,
-        };
+        let connections = || self.shared.lock().connections.clone();
+        let (bake, out) = (&*self.folder, &*self.folder);
+        let job = TrainJob { bake, out, settings: &settings, resume: false, connections: &connections };
         train_by(&job, compute, monitor).map(drop)
     }
 

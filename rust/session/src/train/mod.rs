@@ -33,25 +33,22 @@ pub fn train(
     compute: &Compute,
     monitor: &Monitor,
 ) -> Result<TrainReport, SessionError> {
-    let connections = match compute.gpu {
-        Some(_) => None,
-        None => stored_connections(bake, monitor)?,
-    };
-    train_by(&TrainJob { bake, out, settings, resume, connections }, compute, monitor)
+    let connections = || stored_connections(bake, monitor);
+    train_by(&TrainJob { bake, out, settings, resume, connections: &connections }, compute, monitor)
 }
 
 /// Connections in the scene that a bake holds, if it does; a warning tells what is wrong with that.
-fn stored_connections(bake: &Path, monitor: &Monitor) -> Result<Option<Arc<Connections>>, SessionError> {
-    let stored = Connections::stored(bake, Dump::open(bake)?.manifest(), 1);
-    Ok(stored
-        .unwrap_or_else(|warning| {
-            monitor.warn(&warning);
-            None
-        })
-        .map(Arc::new))
+fn stored_connections(bake: &Path, monitor: &Monitor) -> Option<Arc<Connections>> {
+    let dump = Dump::open(bake).ok()?;
+    let stored = Connections::stored(bake, dump.manifest(), 1);
+    let stored = stored.unwrap_or_else(|warning| {
+        monitor.warn(&warning);
+        None
+    });
+    stored.map(Arc::new)
 }
 
-/// [`train`] with connections that are there, which count where the CPU gathers.
+/// [`train`] with connections of the job's own.
 pub(crate) fn train_by(
     job: &TrainJob<'_>,
     compute: &Compute,

@@ -47,8 +47,8 @@ pub(crate) struct TrainJob<'a> {
     pub out: &'a Path,
     pub settings: &'a TrainSettings,
     pub resume: bool,
-    /// Connections in the scene of the bake, if it is at hand.
-    pub connections: Option<Arc<Connections>>,
+    /// Gives connections in the scene of the bake, if it is at hand; asked where the CPU gathers.
+    pub connections: &'a dyn Fn() -> Option<Arc<Connections>>,
 }
 
 impl TrainJob<'_> {
@@ -125,11 +125,11 @@ impl TrainBake {
         let features = Arc::new(pixel_features(&aovs, &camera));
         let denoise = Denoise::new(&aovs, compute.gpu.as_deref());
         let gather = Gather::new(dump);
-        let connected_pixels = match &job.connections {
-            Some(connections) if compute.gpu.is_none() && connections.is_of(gather.dump().manifest()) => {
-                let split = splits(job.settings).0;
-                let connected =
-                    ConnectedPixels::new(Arc::clone(connections), &gather, split, &|| monitor.cancelled());
+        let connections = if compute.gpu.is_none() { (job.connections)() } else { None };
+        let connected_pixels = match connections {
+            Some(connections) if connections.is_of(gather.dump().manifest()) => {
+                let stop = || monitor.cancelled();
+                let connected = ConnectedPixels::new(connections, &gather, splits(job.settings).0, &stop);
                 Some(connected.ok_or(SessionError::Cancelled)?)
             }
             _ => None,
