@@ -138,7 +138,7 @@ def test_damaged_values_of_shots_are_named(listed, shots):
 
 
 def shining(scene):
-    """What shines in each shot: energies of lights that are not hidden, times gains."""
+    """Light of each shot: energies of lights that are not hidden, times gains."""
     lights = {light.name: light for light in scene.objects if light.type == "LIGHT"}
     found = {}
     for entry in entries(scene):

@@ -281,7 +281,7 @@ def test_all_shots_are_baked_in_the_background_and_failures_are_named(shots, tmp
 
 @pytest.fixture
 def commands(monkeypatch):
-    """What other Blenders are started for."""
+    """Commands that other Blenders are started with."""
     found, plain = [], background.blender_command
 
     def noted(blend, arguments):

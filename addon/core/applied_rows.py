@@ -26,7 +26,7 @@ class AppliedRows:
 
 
 def applied(common: Mix, shots: Mapping[str, Mix]) -> AppliedRows:
-    """What becomes of rows: neutral, and in shots with other values what these are beside the common ones. Groups are
+    """Rows after applying: neutral, and in shots with other values what these are beside the common ones. Groups are
     neutral everywhere; what they did is in the rows of their members."""
     rows, groups, memberships = common
     rows, base = list(rows), mix(rows, groups, memberships)

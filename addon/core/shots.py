@@ -45,7 +45,7 @@ class ListedShot:
 
     @property
     def state(self) -> tuple[int | None, str, tuple[int, int] | None]:
-        """All that its scene depends on but for the camera."""
+        """Frame, layer and size: its scene depends on these and the camera alone."""
         return self.frame, self.layer, self.size
 
 

@@ -175,7 +175,7 @@ def play(driver):
             bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
 
     def state():
-        """What undo has to bring back: the list, cameras of views, lights, strokes and looks."""
+        """State that undo has to bring back: the list, cameras of views, lights, strokes and looks."""
         lights = {light.name: (light.energy, *light.color) for light in bpy.data.lights}
         cameras = sorted(view.spaces.active.camera.name for view in views())
         looks, strokes = len(scene.relume_looks.items), scene.relume_solve.strokes

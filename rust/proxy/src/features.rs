@@ -165,7 +165,7 @@ mod tests {
         compressed / (1.0 - compressed)
     }
 
-    /// The same of a flat light by a sum over its points, of which an ellipse has those within it.
+    /// Irradiance of a flat light by a sum over its points, of which an ellipse has those within it.
     fn sum_over_points(is_ellipse: bool, center: Vec3, u: Vec3, v: Vec3) -> f64 {
         let n = 200;
         let at = |k: usize| (k as f32 + 0.5) / n as f32 - 0.5;

@@ -29,14 +29,14 @@ pub enum LightKind {
     Ellipse,
     /// [`LightShape::Spot`] with soft falloff, Blender's default: centre (3), radius, half angle, blend, axis (3).
     Spot,
-    /// The same without soft falloff.
+    /// [`LightShape::Spot`] without soft falloff, with those parameters.
     SphereSpot,
 }
 
-/// What the formulas of several kinds have in common.
+/// Formulas that several kinds share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Form {
-    /// The same from all sides.
+    /// Shines alike to all sides.
     Round,
     /// One-sided and flat.
     Flat,
@@ -58,7 +58,7 @@ impl std::fmt::Display for LightKind {
 }
 
 impl LightKind {
-    /// All kinds, the most used ones first, in which order a shot learns them.
+    /// Every kind, the most used ones first: a shot learns them in this order.
     pub const ALL: [Self; 6] =
         [Self::FacingDisk, Self::Sphere, Self::Spot, Self::SphereSpot, Self::Quad, Self::Ellipse];
 

@@ -55,7 +55,7 @@ impl ConnectedPixels {
         Ok((gather.prepare_balanced(light, self.balance)?, Some(emitter)))
     }
 
-    /// What is connected of a light at a pixel, a number of its tile. `key` chooses the vertices.
+    /// Connected part of a light at a pixel, a number of its tile. `key` chooses the vertices.
     pub fn light(
         &self,
         (tile, pixel): (usize, usize),
