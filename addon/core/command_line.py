@@ -88,7 +88,7 @@ def _add_bake(commands: argparse._SubParsersAction) -> None:
     bake.add_argument(
         "--shots", metavar="NAMES", help="shots of the scene's list: all, or names with commas between (A,B)"
     )
-    # Of the panel: the shots of the list to be baked with their folders, as JSON.
+    # Shots of the list to be baked, each with its folder, as JSON: the panel gives it.
     bake.add_argument("--folders", help=argparse.SUPPRESS)
     _add_view(bake)
     bake.add_argument("--layer", metavar="NAME", help="view layer; default: the first one that Blender renders")

@@ -64,7 +64,7 @@ def apply_to_lights(scene: bpy.types.Scene) -> list[str]:
 def _take_applied(scene: bpy.types.Scene, outcome: AppliedRows) -> None:
     """Sets what is left of the rows."""
     present = rows.present_rows(scene)
-    # As `rows.plain` has them.
+    # In the order of `rows.plain`.
     present.sort(key=lambda row: row.kind == GROUP)
     for place, (row, values) in enumerate(zip(present, outcome.common, strict=True)):
         row.take(values)

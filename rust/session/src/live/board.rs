@@ -190,7 +190,7 @@ impl Seat {
     }
 
     /// Waits until this shot may prepare what its better pictures need: while another one is looked at, not beside a
-    /// drag, a picture that somebody waits for, or a third shot that prepares. None if `stop` became true before.
+    /// drag, a picture that somebody waits for, or another unseen shot that prepares. None if `stop` became true before.
     pub fn wait_to_prepare(&self, stop: &dyn Fn() -> bool) -> Option<Preparation<'_>> {
         while !stop() {
             let mut state = self.board.lock();
