@@ -1,6 +1,6 @@
 //! Pictures while something is dragged.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use relume_scene::Light;
 
@@ -11,9 +11,6 @@ use crate::live::LiveRequest;
 use crate::live::layers::FrameQuality;
 use crate::live::terms::{LightTerm, TermSource};
 use crate::live::view::BakeView;
-
-/// Time for which paths are added to lights that moved once there is something to show.
-const GROW_FOR: Duration = Duration::from_millis(60);
 
 impl RenderThread {
     /// Renders one picture of a drag, as good as time allows.
@@ -28,8 +25,10 @@ impl RenderThread {
         let own_scale = if is_aside { 2 } else { self.pace.scale() };
         let scale = request.half.map_or(own_scale, |half| if half { 2 } else { 1 });
         let scale = if view.can_be_halved() { scale } else { 1 };
+        let block = self.block(view, scale);
         self.connect_in_time(request, view, terms, scale)?;
-        self.gather_in_time(request, view, terms, scale, is_aside)?;
+        let is_coarse = block.max(self.block(view, scale)) > 1 && view.connections.is_some();
+        self.gather_in_time(request, view, terms, scale, !is_coarse && !is_aside)?;
         let start = Instant::now();
         self.show(request, view, terms, FrameQuality { scale, is_drag: true })?;
         self.pace.shown(start.elapsed());
@@ -56,14 +55,14 @@ impl RenderThread {
         Ok(())
     }
 
-    /// Sums other lights that moved, and what proxies lack.
+    /// Sums other lights that moved, and what proxies lack. With `may_grow`, more paths are added while there is time.
     fn gather_in_time(
         &mut self,
         request: &LiveRequest,
         view: &BakeView,
         terms: &[LightTerm],
         scale: usize,
-        is_aside: bool,
+        may_grow: bool,
     ) -> Result<(), SessionError> {
         let is_needed = |number: usize, term: &LightTerm| match term.source {
             TermSource::FirstView => self.is_waiting(request, view, &terms[number + 1], true),
@@ -77,8 +76,7 @@ impl RenderThread {
         let new = lights(terms, is_needed);
         let start = Instant::now();
         let mut has_more = self.begin(&new, view, scale, false)?;
-        let is_coarse = self.block(view, scale) > 1 && view.connections.is_some();
-        while has_more && !is_coarse && !is_aside && start.elapsed() < GROW_FOR {
+        while has_more && may_grow && !self.pace.is_late(start.elapsed()) {
             has_more = self.advance(&new, view, Haste::NONE)?;
         }
         Ok(())

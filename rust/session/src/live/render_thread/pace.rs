@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// Time for which lights that moved are connected before a picture of a drag is shown.
+/// Time for which lights that moved are connected before a picture of a drag is shown, and for which more paths are added.
 const BUDGET: Duration = Duration::from_millis(60);
 /// Pictures are of half the size after one that was slow to put together, and of the full size again after a quick one.
 const SLOW: Duration = Duration::from_millis(50);
@@ -49,7 +49,7 @@ impl DragPace {
         self.scale
     }
 
-    /// True if connecting for so long is too long.
+    /// True if connecting or adding paths for so long is too long.
     pub fn is_late(&self, took: Duration) -> bool {
         took >= self.budget
     }
