@@ -10,6 +10,7 @@ const ESCAPED = 1u << 17u;
 const NOT_FROM_CAMERA = 0x1du << 16u;
 // Codes of the lobes that are connected.
 const DIFFUSE = 1u;
+const VOLUME = 4u;
 const ROUGH_GLOSSY = 5u;
 // Code of a camera segment behind an origin record.
 const CAMERA_BEHIND_ORIGIN = 6u;

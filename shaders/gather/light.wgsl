@@ -68,6 +68,7 @@ struct Light {
     // What squared distances are multiplied by for the share of light of a lobe that counts by crossings; 0 for all of it.
     crossed_diffuse: f32,
     crossed_rough_glossy: f32,
+    crossed_volume: f32,
 }
 
 @group(0) @binding(0) var<storage, read> lights: array<Light>;
@@ -146,6 +147,7 @@ fn crossed_share(light: u32, s: Segment) -> f32 {
     switch lobe_code(s.z_flags) {
         case DIFFUSE: { scale = lights[light].crossed_diffuse; }
         case ROUGH_GLOSSY: { scale = lights[light].crossed_rough_glossy; }
+        case VOLUME: { scale = lights[light].crossed_volume; }
         default: {}
     }
     if scale == 0.0 {

@@ -43,6 +43,6 @@ pub use packing::{
     encode_rgb9e5,
 };
 pub use samples::{AOV_CHANNELS, AovSample, TileSamples, aov_channel};
-pub use segment::{End, Lobe, Segment};
+pub use segment::{ByConnectedLobe, End, Lobe, Segment};
 pub use shard::{DecodedSegment, Shard, ShardHeader};
 pub use writer::{DumpWriter, MemoryWriter, ShardSink};

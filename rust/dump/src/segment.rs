@@ -25,13 +25,16 @@ impl Lobe {
         [Self::Camera, Self::Diffuse, Self::Glossy, Self::Transmission, Self::Volume, Self::RoughGlossy];
 
     /// Lobes whose light may be summed by points on lights in place of crossings.
-    pub const CONNECTED: [Self; 2] = [Self::Diffuse, Self::RoughGlossy];
+    pub const CONNECTED: [Self; 3] = [Self::Diffuse, Self::RoughGlossy, Self::Volume];
 
     /// The lobe as Cycles tells rays apart.
     pub fn ray_kind(self) -> Self {
         if self == Self::RoughGlossy { Self::Glossy } else { self }
     }
 }
+
+/// A value for each of [`Lobe::CONNECTED`].
+pub type ByConnectedLobe<T> = [T; Lobe::CONNECTED.len()];
 
 /// End of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,13 +9,13 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use relume_dump::{Flags, Lobe};
+use relume_dump::{ByConnectedLobe, Flags, Lobe};
 
 use crate::light::{Plane, PreparedLight, Profile};
 
-/// Density of the directions in which surfaces reflect by [`Lobe::CONNECTED`], per steradian: the mean of diffuse ones; of rough gloss
-/// that about the mirrored direction.
-const DENSITIES: [f32; 2] = [0.5 * FRAC_1_PI, 2.0];
+/// Density of the directions in which light is scattered by [`Lobe::CONNECTED`], per steradian: the mean of diffuse ones; of rough
+/// gloss that about the mirrored direction; of media that of even scattering.
+const DENSITIES: ByConnectedLobe<f32> = [0.5 * FRAC_1_PI, 2.0, 0.25 * FRAC_1_PI];
 
 /// Numbers of paths per pixel by which lights are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,7 +29,7 @@ pub struct Balance {
 /// Shares of a light that count by crossings: all of it, unless it is connected. For each of [`Lobe::CONNECTED`] what a squared
 /// distance in metres is multiplied by; 0 where all of the light counts by crossings.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct CrossedShares(pub [f32; 2]);
+pub(crate) struct CrossedShares(pub ByConnectedLobe<f32>);
 
 impl CrossedShares {
     /// Shares of a light, whose true area is `area_scale` of that of its profile.
@@ -43,6 +43,7 @@ impl CrossedShares {
         let scale = match lobe {
             Lobe::Diffuse => self.0[0],
             Lobe::RoughGlossy => self.0[1],
+            Lobe::Volume => self.0[2],
             _ => 0.0,
         };
         if scale == 0.0 {

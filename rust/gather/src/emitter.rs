@@ -3,7 +3,7 @@
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{Vec2, Vec3};
-use relume_dump::{Lobe, Manifest};
+use relume_dump::{ByConnectedLobe, Lobe, Manifest};
 use relume_scene::{Light, LightShape};
 
 use crate::GatherError;
@@ -13,7 +13,11 @@ use crate::rules::with_rules;
 
 /// A light that is summed over vertices by points on it, but for the shares that count by crossings. Its size has no floor.
 #[derive(Clone, Debug)]
-pub struct Emitter(PreparedLight);
+pub struct Emitter {
+    light: PreparedLight,
+    /// Corners of the box outside of which nothing is recorded, metres; none if all is.
+    recorded: Option<[Vec3; 2]>,
+}
 
 /// A direction towards a light.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +35,7 @@ impl Emitter {
     /// blocks it, it is.
     pub fn covers(light: &Light) -> bool {
         let is_sheared = matches!(light.shape, LightShape::Sheared { .. });
-        let is_seen = light.lobes.diffuse != 0.0 || light.lobes.glossy != 0.0;
+        let is_seen = [light.lobes.diffuse, light.lobes.glossy, light.lobes.volume].iter().any(|f| *f != 0.0);
         is_seen && !is_sheared && light.rules.blockers.is_none()
     }
 
@@ -40,44 +44,56 @@ impl Emitter {
     /// # Errors
     /// See [`PreparedLight::new`].
     pub fn new(light: &Light, manifest: &Manifest, balance: Balance) -> Result<Self, GatherError> {
-        Ok(Self(PreparedLight::new(&with_rules(light, manifest), 0.0)?.balanced(balance)))
+        let light = PreparedLight::new(&with_rules(light, manifest), 0.0)?.balanced(balance);
+        Ok(Self { light, recorded: manifest.recorded.map(|corners| corners.map(Vec3::from)) })
     }
 
     /// Factors on its light on a receiver by [`Lobe::CONNECTED`]; 0 if that is not lit.
-    pub fn factors(&self, receiver: u16) -> [f32; 2] {
-        if !self.0.lights(receiver) {
-            return [0.0; 2];
+    pub fn factors(&self, receiver: u16) -> ByConnectedLobe<f32> {
+        if !self.light.lights(receiver) {
+            return ByConnectedLobe::default();
         }
-        Lobe::CONNECTED.map(|lobe| self.0.factors[lobe as usize])
+        Lobe::CONNECTED.map(|lobe| self.light.factors[lobe as usize])
     }
 
-    /// Shares of its light at a place that do not count by crossings, by [`Lobe::CONNECTED`].
-    pub fn shares(&self, place: Vec3) -> [f32; 2] {
-        Lobe::CONNECTED.map(|lobe| 1.0 - self.0.crossed.at(lobe, &self.0.profile, place))
+    /// Shares of its light in a direction from a place that do not count by crossings, by [`Lobe::CONNECTED`].
+    pub fn shares(&self, place: Vec3, direction: Vec3) -> ByConnectedLobe<f32> {
+        let recorded = self.recorded_start(place, direction);
+        Lobe::CONNECTED.map(|lobe| 1.0 - self.light.crossed.at(lobe, &self.light.profile, recorded))
     }
 
-    /// A direction from a point to the light by two numbers in 0..1; nothing if none of its light comes that way. The surface there faces
-    /// `normal`, of unit length.
-    pub fn sample(&self, origin: Vec3, normal: Vec3, u: [f32; 2]) -> Option<LightSample> {
-        let (direction, density) = direction(&self.0.profile, origin, normal, u)?;
-        let (edge, distance, escapes) = match self.0.profile {
+    /// Start of the record of a ray: where it enters the box outside of which nothing is recorded, if it starts outside.
+    fn recorded_start(&self, place: Vec3, direction: Vec3) -> Vec3 {
+        let Some([min, max]) = self.recorded else { return place };
+        let entries = (min - place) / direction;
+        let others = (max - place) / direction;
+        // Of a ray along a plane of the box the quotients are infinite, or not a number on the plane itself.
+        let entry = entries.min(others).to_array().into_iter().filter(|entry| entry.is_finite());
+        place + direction * entry.fold(0.0, f32::max)
+    }
+
+    /// A direction from a point to the light by two numbers in 0..1; nothing if none of its light comes that way. A surface there faces
+    /// `normal`, of unit length; in a medium there is none.
+    pub fn sample(&self, origin: Vec3, normal: Option<Vec3>, u: [f32; 2]) -> Option<LightSample> {
+        let (direction, density) = direction(&self.light.profile, origin, normal, u)?;
+        let (edge, distance, escapes) = match self.light.profile {
             Profile::Sun { .. } => (direction * FAR, f32::INFINITY, true),
             _ => {
-                let distance = self.0.profile.distance(origin, direction);
+                let distance = self.light.profile.distance(origin, direction);
                 (direction * (2.0 * distance), distance, false)
             }
         };
-        let collected = self.0.profile.evaluate(origin, edge, escapes);
+        let collected = self.light.profile.evaluate(origin, edge, escapes);
         if !(collected > 0.0 && density > 0.0) {
             return None;
         }
-        let tint = self.0.map.as_ref().map_or(Vec3::ONE, |map| map.factor(origin, edge));
+        let tint = self.light.map.as_ref().map_or(Vec3::ONE, |map| map.factor(origin, edge));
         Some(LightSample { direction, distance, radiance: tint * (collected / density) })
     }
 }
 
 /// A direction to a light, and its density by solid angle.
-fn direction(profile: &Profile, origin: Vec3, normal: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
+fn direction(profile: &Profile, origin: Vec3, normal: Option<Vec3>, u: [f32; 2]) -> Option<(Vec3, f32)> {
     match *profile {
         Profile::Sphere(ball)
         | Profile::Spot { ball, soft_falloff: false, .. }
@@ -94,13 +110,14 @@ fn direction(profile: &Profile, origin: Vec3, normal: Vec3, u: [f32; 2]) -> Opti
     }
 }
 
-/// A direction into the cone that holds a sphere; from inside of it, one by its cosine to the normal.
-fn to_sphere(ball: Ball, origin: Vec3, normal: Vec3, u: [f32; 2]) -> Option<(Vec3, f32)> {
+/// A direction into the cone that holds a sphere; from inside of it, one by its cosine to the normal, or any without one.
+fn to_sphere(ball: Ball, origin: Vec3, normal: Option<Vec3>, u: [f32; 2]) -> Option<(Vec3, f32)> {
     let to_center = ball.center - origin;
     let sine2 = ball.radius * ball.radius / to_center.length_squared();
     if sine2 < 1.0 {
         return Some(in_cone(to_center.normalize(), sine2 / (1.0 + (1.0 - sine2).sqrt()), u));
     }
+    let Some(normal) = normal else { return Some(in_cone(Vec3::Z, 2.0, u)) };
     let cos = (1.0 - u[0]).sqrt();
     Some((around(normal, cos, u[0].sqrt(), u[1]), cos * FRAC_1_PI))
 }
@@ -176,7 +193,7 @@ mod tests {
             for origin in origins {
                 let above = |direction: Vec3| direction.dot(normal).max(0.0);
                 let of_emitter = |i| {
-                    let sample = emitter.sample(origin, normal, even(i));
+                    let sample = emitter.sample(origin, Some(normal), even(i));
                     sample.map_or(0.0, |sample| f64::from(sample.radiance.x * above(sample.direction)))
                 };
                 let of_sphere = |i| {
@@ -184,7 +201,7 @@ mod tests {
                     let z = 2.0 * u - 1.0;
                     let direction = around(Vec3::Z, z, (1.0 - z * z).sqrt(), v);
                     let is_sun = matches!(light.shape, LightShape::Sun { .. });
-                    let collected = emitter.0.profile.evaluate(origin, direction * FAR, is_sun);
+                    let collected = emitter.light.profile.evaluate(origin, direction * FAR, is_sun);
                     f64::from(4.0 * PI * collected * above(direction))
                 };
                 let mean = |of: &dyn Fn(usize) -> f64| (0..COUNT).map(of).sum::<f64>() / COUNT as f64;
@@ -213,7 +230,7 @@ mod tests {
                 let emitter = Emitter::new(&light, &manifest, Balance { connected: 1, crossed: 1 }).unwrap();
                 let irradiance = |x: f32| {
                     let of = |i| {
-                        let sample = emitter.sample(Vec3::new(x, 0.2, -1.0), Vec3::Z, even(i));
+                        let sample = emitter.sample(Vec3::new(x, 0.2, -1.0), Some(Vec3::Z), even(i));
                         sample.map_or(0.0, |sample| sample.radiance.x * sample.direction.z)
                     };
                     (0..4096).map(of).sum::<f32>() / 4096.0
@@ -229,7 +246,7 @@ mod tests {
     fn lights_that_not_everything_blocks_are_summed_over_crossings() {
         let mut light = random_lights()[0].clone();
         assert!(Emitter::covers(&light));
-        (light.lobes.diffuse, light.lobes.glossy) = (0.0, 0.0);
+        (light.lobes.diffuse, light.lobes.glossy, light.lobes.volume) = (0.0, 0.0, 0.0);
         assert!(!Emitter::covers(&light));
     }
 }

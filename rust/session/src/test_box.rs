@@ -4,7 +4,8 @@ use crate::error::SessionError;
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::{Dump, MemoryWriter};
 use relume_scene::{
-    Camera, Distribution, Input, Instance, Light, LightShape, Material, Mesh, Node, Scene, SceneBuilder,
+    Camera, Distribution, Input, Instance, Light, LightShape, Material, MathOp, Mesh, Node, Output,
+    PhaseFunction, Scene, SceneBuilder, TexCoord, World,
 };
 use relume_trace::{Control, TraceSettings, Tracer};
 
@@ -37,18 +38,101 @@ pub fn glossy_grey(roughness: f32) -> Vec<Node> {
     vec![grey(), gloss, Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) }]
 }
 
+/// Fog that scatters so much a metre, mostly forwards, red more than blue.
+pub fn fog(density: f32) -> Vec<Node> {
+    let phase = PhaseFunction::HenyeyGreenstein { anisotropy: Input::Float(0.4) };
+    let [scatter, absorption] =
+        [[1.0, 0.7, 0.4], [0.1, 0.1, 0.3]].map(|color| Input::Rgb(color.map(|value| density * value)));
+    vec![Node::VolumeCoefficients { absorption, scatter, emission: Input::Float(0.0), phase }]
+}
+
+/// Smoke whose density grows from the bottom of its object, where it is 0, to the top.
+pub fn smoke(density: f32) -> Vec<Node> {
+    let link = |node, output| Input::Link { node, output };
+    let scaled = Node::Math {
+        operation: MathOp::Multiply,
+        clamp: false,
+        a: link(1, Output::Z),
+        b: Input::Float(density),
+        c: Input::Float(0.0),
+    };
+    let phase = PhaseFunction::HenyeyGreenstein { anisotropy: Input::Float(0.0) };
+    vec![
+        Node::TextureCoordinate { kind: TexCoord::Generated },
+        Node::SeparateXyz { vector: link(0, Output::Vector) },
+        scaled,
+        Node::VolumeScatter { color: Input::Float(0.9), density: link(2, Output::Value), phase },
+    ]
+}
+
 /// A closed box of a material whose last node is its surface, seen from its middle.
-pub fn closed_box_of((width, height): (usize, usize), nodes: Vec<Node>) -> Result<Scene, SessionError> {
+pub fn closed_box_of(size: (usize, usize), nodes: Vec<Node>) -> Result<Scene, SessionError> {
+    Ok(box_builder(size, nodes)?.build()?)
+}
+
+/// [`closed_box_of`] with another closed box in its middle, of half its edges, that is but the hull of a medium.
+pub fn closed_box_around(
+    size: (usize, usize),
+    nodes: Vec<Node>,
+    medium: Vec<Node>,
+) -> Result<Scene, SessionError> {
+    let mut builder = box_builder(size, nodes)?;
+    let hull =
+        add_material(&mut builder, Material { volume: last(&medium), nodes: medium, ..Material::default() })?;
+    let mesh = builder.add_mesh(box_mesh())?;
+    builder.add_instance(Instance::new("hull", mesh, Affine3A::from_scale(Vec3::splat(0.5)), vec![hull]))?;
+    Ok(builder.build()?)
+}
+
+/// A grey floor of 0.2 m below a camera that looks along it, all space filled with a medium.
+pub fn floor_in((width, height): (usize, usize), medium: Vec<Node>) -> Result<Scene, SessionError> {
+    let mut builder = SceneBuilder::new("Linear Rec.709");
+    builder.set_camera(Camera {
+        width,
+        height,
+        world_from_camera: Affine3A::from_translation(Vec3::new(0.0, -0.1, 0.05))
+            * Affine3A::from_rotation_x(1.5),
+        window_min: Vec2::splat(-0.6),
+        window_max: Vec2::splat(0.6),
+        ..Camera::default()
+    });
+    let floor = add_material(
+        &mut builder,
+        Material { nodes: vec![grey()], surface: Some(0), ..Material::default() },
+    )?;
+    let corner = |i: usize| Vec3::new((i & 1) as f32 * 0.2 - 0.1, (i >> 1) as f32 * 0.2 - 0.1, 0.0);
+    let positions = (0..4).map(corner).collect();
+    let mesh =
+        Mesh { name: "floor".into(), positions, triangles: vec![[0, 1, 3], [0, 3, 2]], ..Mesh::default() };
+    let mesh = builder.add_mesh(mesh)?;
+    builder.add_instance(Instance::new("floor", mesh, Affine3A::IDENTITY, vec![floor]))?;
+    let fog =
+        add_material(&mut builder, Material { volume: last(&medium), nodes: medium, ..Material::default() })?;
+    builder.set_world(World { volume: Some(fog), ..World::default() })?;
+    Ok(builder.build()?)
+}
+
+fn box_mesh() -> Mesh {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - Vec3::ONE;
     let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let mesh = Mesh {
+    Mesh {
         name: "box".into(),
         positions: (0..8).map(corner).collect(),
         triangles: sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect(),
         ..Mesh::default()
-    };
-    let surface = Some(nodes.len() as u32 - 1);
-    let material = Material { name: "grey".into(), nodes, surface, ..Material::default() };
+    }
+}
+
+/// Number of the last node.
+fn last(nodes: &[Node]) -> Option<u32> {
+    Some(nodes.len() as u32 - 1)
+}
+
+fn add_material(builder: &mut SceneBuilder, material: Material) -> Result<usize, SessionError> {
+    Ok(builder.add_material_json(&serde_json::to_string(&material).unwrap_or_default())?)
+}
+
+fn box_builder((width, height): (usize, usize), nodes: Vec<Node>) -> Result<SceneBuilder, SessionError> {
     let mut builder = SceneBuilder::new("Linear Rec.709");
     builder.set_camera(Camera {
         width,
@@ -57,10 +141,11 @@ pub fn closed_box_of((width, height): (usize, usize), nodes: Vec<Node>) -> Resul
         window_max: Vec2::splat(0.8),
         ..Camera::default()
     });
-    let material = builder.add_material_json(&serde_json::to_string(&material).unwrap_or_default())?;
-    let mesh = builder.add_mesh(mesh)?;
+    let material =
+        add_material(&mut builder, Material { surface: last(&nodes), nodes, ..Material::default() })?;
+    let mesh = builder.add_mesh(box_mesh())?;
     builder.add_instance(Instance::new("box", mesh, Affine3A::IDENTITY, vec![material]))?;
-    Ok(builder.build()?)
+    Ok(builder)
 }
 
 /// Paths in the closed box.

@@ -157,7 +157,7 @@ impl Integrator<'_> {
                     false
                 }
                 Arrival::Collision(position) => {
-                    self.scatter_in_medium(&mut walk, position, guide, scratch, &mut features, draws)
+                    self.scatter_in_medium(&mut walk, position, guide, scratch, &mut features, draws, sink)
                 }
                 Arrival::Surface(hit) => {
                     if let Some(lights_only) = walk.path.lights_only {
@@ -316,7 +316,7 @@ impl Integrator<'_> {
         sink: &mut S,
     ) -> bool {
         let limits = &self.settings.bounces;
-        let Walk { path, ray, last, .. } = walk;
+        let Walk { path, ray, last, route, .. } = walk;
         let surface = &mut scratch.surface;
         if path.is_last_surface() {
             let through = surface.transparency();
@@ -333,7 +333,7 @@ impl Integrator<'_> {
         if S::WANTS_STATIC_LIGHT {
             self.add_static_light(
                 path,
-                walk.route.as_ref(),
+                route.as_ref(),
                 vertex,
                 cones,
                 &mut scratch.shadow,
@@ -342,7 +342,7 @@ impl Integrator<'_> {
                 draws,
             );
         }
-        sink.meet(|| self.path_vertex(path, point, surface));
+        sink.meet(|| self.surface_vertex(path, route.as_ref(), point, surface));
         if let Some(entry) = surface.enters(u[2]) {
             features.record_surface(surface);
             let Some((exit, draws)) = self.cross_body(path, point, &entry, draws, surface) else {

@@ -65,17 +65,20 @@ pub struct GpuLight {
     pub falloff_smooth: f32,
     pub crossed_diffuse: f32,
     pub crossed_rough_glossy: f32,
+    pub crossed_volume: f32,
+    pub padding: [u32; 3],
 }
 
 impl GpuLight {
     /// `magnitude` is the largest coordinate in the scene, `receivers` the number of the light's set. The map is left out.
     pub(super) fn new(light: &PreparedLight, magnitude: f32, receivers: u32) -> Self {
-        let [crossed_diffuse, crossed_rough_glossy] = light.crossed.0;
+        let [crossed_diffuse, crossed_rough_glossy, crossed_volume] = light.crossed.0;
         let shared = Self {
             receivers,
             factors: light.factors,
             crossed_diffuse,
             crossed_rough_glossy,
+            crossed_volume,
             ..Self::default()
         };
         match light.profile {
@@ -254,7 +257,7 @@ mod tests {
             center, kind, direction, radius, inverse_u, reach2, inverse_v, receivers, factors, cos_half_angle,
             inverse_blend, tan_half, normalisation, row_x, length_u, row_y, length_v, row_z, determinant, center_row_z,
             map_cone, map_rows, map_width, map_height, map_key, falloff_power, falloff_smooth, crossed_diffuse,
-            crossed_rough_glossy,
+            crossed_rough_glossy, crossed_volume,
         });
     }
 

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_dump::{Manifest, Pass, TileRect};
+use relume_dump::{ByConnectedLobe, Manifest, Pass, TileRect};
 use relume_gather::{Balance, Emitter, Gather, GatherError, LightSample, PreparedLight};
 use relume_image::Image;
 use relume_scene::{Light, Scene};
@@ -471,25 +471,41 @@ pub(crate) fn connect(
     scratch: &mut ConnectScratch,
 ) -> Vec3 {
     let Some((sample, weights)) = weighed_sample(vertex, light, numbers) else { return Vec3::ZERO };
-    sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, weights, scratch)
+    connect_sample(tracer, vertex, &sample, weights, numbers, scratch)
+}
+
+/// Light of a point on a light at a vertex, of so many times its radiance for each of [`relume_dump::Lobe::CONNECTED`].
+fn connect_sample(
+    tracer: &Tracer<'_>,
+    vertex: &PathVertex,
+    sample: &LightSample,
+    weights: ByConnectedLobe<f32>,
+    [u, v, _, way]: [f32; 4],
+    scratch: &mut ConnectScratch,
+) -> Vec3 {
+    let towards = (sample.direction, sample.distance);
+    sample.radiance * tracer.connect(vertex, towards, weights, [way, u, v], scratch)
 }
 
 /// A point on a light for a vertex by numbers in 0..1, and its weights for each of [`relume_dump::Lobe::CONNECTED`].
 fn weighed_sample(
     vertex: &PathVertex,
     light: &Emitter,
-    [u, v, chance, ..]: [f32; 4],
-) -> Option<(LightSample, [f32; 2])> {
-    let (shares, factors) = (light.shares(vertex.position), light.factors(vertex.receiver()));
-    let counts = vertex.lobes();
-    let weights: [f32; 2] =
-        std::array::from_fn(|lobe| if counts[lobe] { shares[lobe] * factors[lobe] } else { 0.0 });
-    let most = (0..2).filter(|lobe| weights[*lobe] != 0.0).map(|lobe| shares[lobe]).fold(0.0, f32::max);
+    [u, v, chance, _]: [f32; 4],
+) -> Option<(LightSample, ByConnectedLobe<f32>)> {
+    let (counts, factors) = (vertex.lobes(), light.factors(vertex.receiver()));
+    let lobes = (0..counts.len()).filter(|lobe| counts[*lobe] && factors[*lobe] != 0.0);
+    lobes.clone().next()?;
+    let sample = light.sample(vertex.position, vertex.normal(), [u, v])?;
+    let shares = light.shares(vertex.position, sample.direction);
+    let most = lobes.clone().map(|lobe| shares[lobe]).fold(0.0, f32::max);
     if most <= chance * LEAST_SHARE {
         return None;
     }
-    let weights = weights.map(|weight| weight * (LEAST_SHARE / most).max(1.0));
-    Some((light.sample(vertex.position, vertex.normal(), [u, v])?, weights))
+    let scale = (LEAST_SHARE / most).max(1.0);
+    let mut weights = ByConnectedLobe::default();
+    lobes.for_each(|lobe| weights[lobe] = scale * shares[lobe] * factors[lobe]);
+    Some((sample, weights))
 }
 
 #[cfg(test)]

@@ -1,19 +1,21 @@
 //! Light by connection: shadow rays from vertices of light-free paths to points on a light.
 //!
-//! A segment that leaves a dull vertex crosses a small light seldom. What it collects on average has a closed form, though: the
-//! integral of reflectance, radiance and visibility over the light. So light of [`relume_dump::Lobe::CONNECTED`] can be summed
+//! A segment that leaves a dull surface or a medium crosses a small light seldom. What it collects on average has a closed form,
+//! though: the integral of scattering, radiance and visibility over the light. So light of [`relume_dump::Lobe::CONNECTED`] can be summed
 //! over vertices in place of crossings (next event estimation of paths that were traced before); all other lobes are summed over
 //! crossings. Both together have the same mean as crossings alone.
 
 mod vertex;
 
 use glam::Vec3;
-use relume_dump::{AovSample, Pass, Segment};
+use relume_dump::{AovSample, ByConnectedLobe, Pass, Segment};
 
+pub(crate) use self::vertex::PathAtVertex;
 pub use self::vertex::PathVertex;
 use crate::{
     bsdf::Surface,
     integrator::{PathScratch, PathSink},
+    media::{HullCrossing, Media, MediaScratch, MediaSpace, ShadowMedia, TrackingNumbers, VolumeStack},
     render::Tracer,
     sampler::PixelSampler,
     static_light::{Goal, ShadowTracer},
@@ -53,15 +55,16 @@ impl PixelVertices {
 #[derive(Debug, Default)]
 pub struct ConnectScratch {
     surface: Surface,
+    media: MediaScratch,
 }
 
 /// Groups of the sampler that choose vertices.
 const CHOICE_GROUP: u32 = (1 << 26) + 1;
 
 impl Tracer<'_> {
-    /// True if lights of this scene can be connected: not through media yet, nor for the plates of shadow catchers.
+    /// True if lights of this scene can be connected: not for the plates of shadow catchers yet.
     pub fn connects(&self) -> bool {
-        self.integrator.media.is_none() && !self.integrator.catches
+        !self.integrator.catches
     }
 
     /// Vertices of the paths of some pixels.
@@ -87,17 +90,19 @@ impl Tracer<'_> {
     }
 
     /// Contribution to the pixel of a vertex, RGB, of light from the unit direction `wi` of radiance `factors` per steradian for each
-    /// of [`relume_dump::Lobe::CONNECTED`]. It comes from `distance` metres away, infinite outside of the scene.
+    /// of [`relume_dump::Lobe::CONNECTED`]. It comes from `distance` metres away, infinite outside of the scene. The numbers in 0..1
+    /// decide about its way through media.
     pub fn connect(
         &self,
         vertex: &PathVertex,
-        wi: Vec3,
-        distance: f32,
-        factors: [f32; 2],
+        (wi, distance): (Vec3, f32),
+        factors: ByConnectedLobe<f32>,
+        numbers: [f32; 3],
         scratch: &mut ConnectScratch,
     ) -> Vec3 {
-        let Some((reflected, ray)) = vertex.reflect(wi, factors) else { return Vec3::ZERO };
+        let Some((scattered, ray)) = vertex.scatter(wi, factors) else { return Vec3::ZERO };
         let integrator = &self.integrator;
+        let media = integrator.media.as_ref();
         let mut tracer = ShadowTracer {
             scene: integrator.scene,
             bvh: &integrator.bvh,
@@ -109,10 +114,30 @@ impl Tracer<'_> {
             cones: None,
             transparent_left: vertex.transparent_left(),
             catchers_only: false,
-            media: None,
+            media: media.map(|media| self.shadow_media(media, vertex, numbers, &mut scratch.media)),
         };
         let through = tracer.transmittance(ray, vertex.position, Goal::Open(distance), &mut scratch.surface);
-        through.map_or(Vec3::ZERO, |through| reflected * through)
+        through.map_or(Vec3::ZERO, |through| scattered * through)
+    }
+
+    /// Media on the way of a shadow ray from a vertex.
+    fn shadow_media<'s>(
+        &'s self,
+        media: &'s Media,
+        vertex: &PathVertex,
+        [first, u, v]: [f32; 3],
+        scratch: &'s mut MediaScratch,
+    ) -> ShadowMedia<'s> {
+        let ray = vertex.ray_info().shadow_from(vertex.position);
+        let seed = u64::from(u.to_bits()) << 32 | u64::from(v.to_bits());
+        let (scene, materials) = (self.integrator.scene, &self.integrator.materials);
+        ShadowMedia {
+            space: MediaSpace { scene, materials, media, time: vertex.time(), ray },
+            stack: vertex.around().map_or_else(|| media.outside(), VolumeStack::of),
+            crossing: HullCrossing::default(),
+            numbers: TrackingNumbers::starting_with(first, seed),
+            scratch,
+        }
     }
 }
 

@@ -1,27 +1,30 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use relume_dump::{Lobe, decode_direction, decode_rgb9e5, dither, encode_direction, encode_rgb9e5};
+use relume_dump::{
+    ByConnectedLobe, Lobe, decode_direction, decode_rgb9e5, dither, encode_direction, encode_rgb9e5,
+};
 use relume_scene::{BumpShadowing, Scene};
 
 use crate::{
     bsdf::{Closure, DiffusePart, Microfacet, SampleReach, SideNormals, Surface, Viewpoint, lambert},
     bvh::{Ray, RayKind},
+    media::{MediumSample, VolumeStack},
     path::PathState,
     ray_offset::{offset_for_terminator, offset_origin},
-    settings::BounceLimits,
     shading::{PreparedMaterials, RayInfo, SurfacePoint},
 };
 
-/// Vertex of a light-free path on a surface that lights can be connected to, in 64 bytes and those of its [`Rare`] parts: millions
-/// are kept.
+/// Vertex of a light-free path, on a surface or in a medium, that lights can be connected to. It takes 64 bytes and those of its
+/// [`Rare`] parts: millions are kept.
 #[derive(Clone, Debug)]
 pub struct PathVertex {
     /// World space, metres.
     pub position: Vec3,
-    /// Weight on the film of what is reflected diffusely, rgb9e5. The sum of Lambert's closures is part of it.
+    /// Weight on the film of what is reflected diffusely or scattered in a medium, rgb9e5. The sum of Lambert's closures is part
+    /// of it.
     weight: u32,
-    /// Octahedral normals: the surface's own, the interpolated one, and the one about which it reflects.
+    /// Octahedral normals: the surface's own, the interpolated one, and the one about which it reflects. Of no meaning in a medium.
     geometric: u32,
     shading: u32,
     normal: u32,
@@ -41,9 +44,42 @@ pub struct PathVertex {
     first_lobe: Lobe,
 }
 
+/// State in which a path comes to a vertex.
+pub(crate) struct PathAtVertex<'p> {
+    pub path: &'p PathState,
+    /// Weight on the film.
+    pub weight: Vec3,
+    /// Receiver number, which holds its class.
+    pub receiver: u16,
+    /// Number of transparent surfaces that may lie before a light.
+    pub transparent_left: u32,
+    /// Media around the vertex, if those are not the ones outside of all objects.
+    pub around: Option<&'p VolumeStack>,
+}
+
 /// Parts that some vertices have.
 #[derive(Clone, Debug)]
 struct Rare {
+    /// Numbers of [`PathAtVertex::around`].
+    around: Option<Box<[u32]>>,
+    scattering: Scattering,
+}
+
+/// Scattering that takes more than a weight and a normal.
+#[derive(Clone, Debug)]
+enum Scattering {
+    /// Lambert's law, on a surface.
+    Lambert,
+    Surface(SurfaceParts),
+    /// Phase functions, and the unit direction in which the path arrived.
+    Medium {
+        medium: MediumSample,
+        travel: Vec3,
+    },
+}
+
+#[derive(Clone, Debug)]
+struct SurfaceParts {
     viewpoint: Viewpoint,
     /// Diffuse closures, if they are not Lambert's.
     diffuse: Option<Box<[Closure]>>,
@@ -64,19 +100,16 @@ struct Gloss {
 const _: () = assert!(size_of::<PathVertex>() == 64);
 
 impl PathVertex {
-    /// Vertex where a path met a surface, with its weight on the film and its receiver number, which holds its class; nothing if the
-    /// surface has no closures that lights are connected to.
-    pub(crate) fn new(
+    /// Vertex where a path met a surface; nothing if that has no closures that lights are connected to.
+    pub(crate) fn on_surface(
         (scene, materials): (&Scene, &PreparedMaterials),
-        limits: &BounceLimits,
-        path: &PathState,
-        (weight, receiver): (Vec3, u16),
+        arrival: &PathAtVertex<'_>,
         (point, surface): (&SurfacePoint, &Surface),
     ) -> Option<Self> {
         let packed = |weight| packed(weight, point.position);
         let gloss: Box<[Gloss]> = surface
             .rough_gloss()
-            .map(|(own, facets)| Gloss { weight: packed(weight * own), facets: *facets })
+            .map(|(own, facets)| Gloss { weight: packed(arrival.weight * own), facets: *facets })
             .collect();
         let (reflectance, normal, diffuse, bumps) = match surface.diffuse_part() {
             Some(DiffusePart::Lambert { weight, normal, bumps }) => (weight, normal, None, bumps),
@@ -90,28 +123,58 @@ impl PathVertex {
         let mut below = Ray::new(point.position, -point.geometric_normal);
         offset_for_terminator(&mut below, materials, scene, point);
         let between = below.from.is_none().then_some(below.origin);
-        let ray = path.ray_info();
-        let depths =
-            [ray.depth, ray.diffuse_depth, ray.glossy_depth, ray.transmission_depth, ray.transparent_depth];
-        let byte = |count: u32| count.min(u32::from(u8::MAX)) as u8;
-        let is_plain = diffuse.is_none() && gloss.is_empty() && between.is_none();
-        let rare = || Arc::new(Rare { viewpoint: surface.viewpoint(), diffuse, gloss, between });
+        let is_lambert = diffuse.is_none() && gloss.is_empty() && between.is_none();
+        let scattering = if is_lambert {
+            Scattering::Lambert
+        } else {
+            Scattering::Surface(SurfaceParts { viewpoint: surface.viewpoint(), diffuse, gloss, between })
+        };
         Some(Self {
-            position: point.position,
-            weight: packed(weight * reflectance),
+            weight: packed(arrival.weight * reflectance),
             geometric: encode_direction(point.horizon_normal()),
             shading: encode_direction(surface.shading_normal()),
             normal: encode_direction(normal),
             offset: above.origin.distance(point.position),
-            time: point.time,
             primitive: (point.instance, point.primitive),
-            rare: (!is_plain).then(rare),
-            receiver,
-            depths: depths.map(byte),
-            transparent_left: byte(path.transparent_left(limits)),
             bumps,
-            first_lobe: path.first_lobe,
+            ..Self::at(point.position, point.time, arrival, scattering)
         })
+    }
+
+    /// Vertex where a path collided in some media at a position and time, with the unit direction in which it arrived.
+    pub(crate) fn in_medium(
+        arrival: &PathAtVertex<'_>,
+        (position, time): (Vec3, f32),
+        (travel, medium): (Vec3, &MediumSample),
+    ) -> Self {
+        let scattering = Scattering::Medium { medium: medium.clone(), travel };
+        Self { weight: packed(arrival.weight, position), ..Self::at(position, time, arrival, scattering) }
+    }
+
+    /// Vertex that scatters nothing yet.
+    fn at(position: Vec3, time: f32, arrival: &PathAtVertex<'_>, scattering: Scattering) -> Self {
+        let ray = arrival.path.ray_info();
+        let depths =
+            [ray.depth, ray.diffuse_depth, ray.glossy_depth, ray.transmission_depth, ray.transparent_depth];
+        let byte = |count: u32| count.min(u32::from(u8::MAX)) as u8;
+        let around = arrival.around.map(|stack| stack.media().into());
+        let is_plain = around.is_none() && matches!(scattering, Scattering::Lambert);
+        Self {
+            position,
+            weight: 0,
+            geometric: 0,
+            shading: 0,
+            normal: 0,
+            offset: 0.0,
+            time,
+            primitive: (0, 0),
+            rare: (!is_plain).then(|| Arc::new(Rare { around, scattering })),
+            receiver: arrival.receiver,
+            depths: depths.map(byte),
+            transparent_left: byte(arrival.transparent_left),
+            bumps: BumpShadowing::default(),
+            first_lobe: arrival.path.first_lobe,
+        }
     }
 
     /// Number that lights go by ([`relume_dump::Segment::receiver`]).
@@ -124,23 +187,33 @@ impl PathVertex {
         self.first_lobe
     }
 
-    /// Unit normal about which it reflects.
-    pub fn normal(&self) -> Vec3 {
-        decode_direction(self.normal)
+    /// Unit normal about which it reflects; none in a medium.
+    pub fn normal(&self) -> Option<Vec3> {
+        self.medium().is_none().then(|| decode_direction(self.normal))
     }
 
     /// Bytes of memory.
     pub fn bytes(&self) -> usize {
         let rare = self.rare.as_ref().map_or(0, |rare| {
-            let diffuse = rare.diffuse.as_deref().map_or(0, size_of_val);
-            size_of::<Rare>() + 2 * size_of::<usize>() + size_of_val(&rare.gloss[..]) + diffuse
+            let scattering = match &rare.scattering {
+                Scattering::Lambert => 0,
+                Scattering::Surface(parts) => {
+                    size_of_val(&parts.gloss[..]) + parts.diffuse.as_deref().map_or(0, size_of_val)
+                }
+                Scattering::Medium { medium, .. } => medium.bytes(),
+            };
+            let around = rare.around.as_deref().map_or(0, size_of_val);
+            size_of::<Rare>() + 2 * size_of::<usize>() + around + scattering
         });
         size_of::<Self>() + rare
     }
 
-    /// True for each of [`relume_dump::Lobe::CONNECTED`] by which it reflects.
-    pub fn lobes(&self) -> [bool; 2] {
-        [self.weight != 0, !self.gloss().is_empty()]
+    /// True for each of [`relume_dump::Lobe::CONNECTED`] by which it scatters.
+    pub fn lobes(&self) -> ByConnectedLobe<bool> {
+        match self.medium() {
+            Some(_) => [false, false, true],
+            None => [self.weight != 0, self.surface().is_some_and(|parts| !parts.gloss.is_empty()), false],
+        }
     }
 
     /// True if nothing scattered the path before: light here is direct.
@@ -151,15 +224,15 @@ impl PathVertex {
     /// Bound of what it adds to the pixel of light that comes from everywhere, for the choice between vertices.
     pub(super) fn importance(&self) -> f32 {
         let mut sum = decode_rgb9e5(self.weight);
-        if let Some(rare) = &self.rare {
-            if let Some(closures) = &rare.diffuse {
+        if let Some(parts) = self.surface() {
+            if let Some(closures) = &parts.diffuse {
                 sum *= closures.iter().map(|closure| closure.weight).sum::<Vec3>();
             }
             let albedo = |gloss: &Gloss| {
-                let (reflected, _) = gloss.facets.albedo(gloss.facets.frame.normal().dot(rare.viewpoint.wo));
+                let (reflected, _) = gloss.facets.albedo(gloss.facets.frame.normal().dot(parts.viewpoint.wo));
                 decode_rgb9e5(gloss.weight) * reflected
             };
-            sum += rare.gloss.iter().map(albedo).sum::<Vec3>();
+            sum += parts.gloss.iter().map(albedo).sum::<Vec3>();
         }
         sum.max_element()
     }
@@ -168,44 +241,63 @@ impl PathVertex {
     pub(super) fn scaled(mut self, factor: f32) -> Self {
         let scaled = |weight| packed(decode_rgb9e5(weight) * factor, self.position);
         self.weight = scaled(self.weight);
-        if let Some(rare) = &mut self.rare {
-            for gloss in &mut Arc::make_mut(rare).gloss {
-                gloss.weight = scaled(gloss.weight);
-            }
+        if let Some(rare) = self.rare.as_mut().map(Arc::make_mut)
+            && let Scattering::Surface(parts) = &mut rare.scattering
+        {
+            parts.gloss.iter_mut().for_each(|gloss| gloss.weight = scaled(gloss.weight));
         }
         self
     }
 
     /// Contribution to the pixel of light from the unit direction `wi`, of radiance `factors` per steradian for each of
     /// [`relume_dump::Lobe::CONNECTED`], if nothing is in between, and the ray that tells whether something is; nothing where
-    /// none is reflected.
-    pub(super) fn reflect(&self, wi: Vec3, factors: [f32; 2]) -> Option<(Vec3, Ray)> {
-        let (geometric, shading) = (decode_direction(self.geometric), decode_direction(self.shading));
-        let rare = self.rare.as_deref();
+    /// none is scattered.
+    pub(super) fn scatter(&self, wi: Vec3, factors: ByConnectedLobe<f32>) -> Option<(Vec3, Ray)> {
+        let (scattered, ray) = match self.medium() {
+            Some((medium, travel)) => {
+                let (value, _) = medium.eval(travel, wi);
+                (factors[2] * decode_rgb9e5(self.weight) * value, Ray::new(self.position, wi))
+            }
+            None => (self.reflected(wi, factors), self.ray_above(wi)?),
+        };
+        let is_some = scattered.max_element() > 0.0 && scattered.is_finite();
+        is_some.then(|| (scattered, Ray { kind: RayKind::Shadow, ..ray.at(self.time) }))
+    }
+
+    /// What a surface reflects of light from the unit direction `wi`, see [`Self::scatter`].
+    fn reflected(&self, wi: Vec3, factors: ByConnectedLobe<f32>) -> Vec3 {
+        let shading = decode_direction(self.shading);
+        let parts = self.surface();
         let mut reflected = Vec3::ZERO;
         if factors[0] != 0.0 {
-            let reflectance = match rare.and_then(|rare| Some((rare, rare.diffuse.as_ref()?))) {
-                None => Vec3::splat(lambert(self.bumps, shading, self.normal(), wi)),
-                Some((rare, closures)) => {
-                    closures.iter().map(|closure| rare.viewpoint.eval(closure, shading, wi)).sum()
+            let reflectance = match parts.and_then(|parts| Some((parts, parts.diffuse.as_ref()?))) {
+                None => {
+                    let normal = decode_direction(self.normal);
+                    Vec3::splat(lambert(self.bumps, shading, normal, wi))
+                }
+                Some((parts, closures)) => {
+                    closures.iter().map(|closure| parts.viewpoint.eval(closure, shading, wi)).sum()
                 }
             };
             reflected += factors[0] * decode_rgb9e5(self.weight) * reflectance;
         }
-        if let Some(rare) = rare.filter(|_| factors[1] != 0.0) {
+        if let Some(parts) = parts.filter(|_| factors[1] != 0.0) {
             let of =
-                |gloss: &Gloss| decode_rgb9e5(gloss.weight) * rare.viewpoint.eval_facets(&gloss.facets, wi);
-            reflected += factors[1] * rare.gloss.iter().map(of).sum::<Vec3>();
+                |gloss: &Gloss| decode_rgb9e5(gloss.weight) * parts.viewpoint.eval_facets(&gloss.facets, wi);
+            reflected += factors[1] * parts.gloss.iter().map(of).sum::<Vec3>();
         }
-        if !(reflected.max_element() > 0.0 && reflected.is_finite()) {
-            return None;
-        }
+        reflected
+    }
+
+    /// A ray from above the surface in the unit direction `wi`; nothing where none can be reflected.
+    fn ray_above(&self, wi: Vec3) -> Option<Ray> {
+        let (geometric, shading) = (decode_direction(self.geometric), decode_direction(self.shading));
         let reach = SideNormals { geometric, shading }.reach(wi, false)?;
-        let lifted = rare.and_then(|rare| rare.between).filter(|_| reach == SampleReach::Lights);
-        let side = if reach == SampleReach::Lights { -geometric } else { geometric };
+        let is_between = reach == SampleReach::Lights;
+        let lifted = self.surface().and_then(|parts| parts.between).filter(|_| is_between);
+        let side = if is_between { -geometric } else { geometric };
         let origin = lifted.unwrap_or(self.position + side * self.offset);
-        let from = lifted.is_none().then_some(self.primitive);
-        Some((reflected, Ray { kind: RayKind::Shadow, from, ..Ray::new(origin, wi).at(self.time) }))
+        Some(Ray { from: lifted.is_none().then_some(self.primitive), ..Ray::new(origin, wi) })
     }
 
     /// The path's ray that met it, as far as its shadow rays tell shaders of it.
@@ -227,8 +319,28 @@ impl PathVertex {
         self.transparent_left.into()
     }
 
-    fn gloss(&self) -> &[Gloss] {
-        self.rare.as_ref().map_or(&[], |rare| &rare.gloss)
+    /// Numbers of the media around it; nothing if those are the ones outside of all objects.
+    pub(super) fn around(&self) -> Option<&[u32]> {
+        self.rare.as_ref()?.around.as_deref()
+    }
+
+    /// Time within the shutter's interval.
+    pub(super) fn time(&self) -> f32 {
+        self.time
+    }
+
+    fn surface(&self) -> Option<&SurfaceParts> {
+        match &self.rare.as_ref()?.scattering {
+            Scattering::Surface(parts) => Some(parts),
+            _ => None,
+        }
+    }
+
+    fn medium(&self) -> Option<(&MediumSample, Vec3)> {
+        match &self.rare.as_ref()?.scattering {
+            Scattering::Medium { medium, travel } => Some((medium, *travel)),
+            _ => None,
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Features, GUIDE_GROUP, Integrator, PathScratch, Walk, guided};
+use super::{Features, GUIDE_GROUP, Integrator, PathScratch, PathSink, Walk, guided};
 use crate::{
     bvh::{Ray, RayKind},
     guide::Guide,
@@ -14,7 +14,7 @@ use crate::{
 
 impl Integrator<'_> {
     /// Sends the path on from a collision in the media of the scratch memory, or says that it ends there.
-    pub(super) fn scatter_in_medium(
+    pub(super) fn scatter_in_medium<S: PathSink>(
         &self,
         walk: &mut Walk,
         position: Vec3,
@@ -22,6 +22,7 @@ impl Integrator<'_> {
         scratch: &mut PathScratch,
         features: &mut Features,
         draws: Draws,
+        sink: &mut S,
     ) -> bool {
         let limits = &self.settings.bounces;
         features.record_medium(scratch.media.sample.albedo());
@@ -37,16 +38,19 @@ impl Integrator<'_> {
         let time = walk.ray.time;
         let vertex = Vertex::Medium { position, direction: travel, time, medium: &medium };
         let cones = guided(guide, &vertex, &mut scratch.cones);
-        self.add_static_light(
-            &walk.path,
-            walk.route.as_ref(),
-            vertex,
-            cones,
-            &mut scratch.shadow,
-            &mut scratch.media,
-            features,
-            draws,
-        );
+        if S::WANTS_STATIC_LIGHT {
+            self.add_static_light(
+                &walk.path,
+                walk.route.as_ref(),
+                vertex,
+                cones,
+                &mut scratch.shadow,
+                &mut scratch.media,
+                features,
+                draws,
+            );
+        }
+        sink.meet(|| self.medium_vertex(walk, position, &medium));
         let sample = match cones.map(|cones| (cones, draws.at(GUIDE_GROUP))) {
             Some((cones, v)) => {
                 let direction = if v[0] < cones.share {

@@ -1,26 +1,63 @@
 //! Vertices that lights can be connected to.
 
+use glam::Vec3;
 use relume_dump::Sight;
 
-use super::Integrator;
-use crate::{bsdf::Surface, connect::PathVertex, path::PathState, shading::SurfacePoint};
+use super::{Integrator, Walk, travel::Route};
+use crate::{
+    bsdf::Surface,
+    connect::{PathAtVertex, PathVertex},
+    media::MediumSample,
+    path::PathState,
+    shading::SurfacePoint,
+};
 
 impl Integrator<'_> {
     /// The vertex of a path on a surface, if lights count there and can be connected to it.
-    pub(super) fn path_vertex(
+    pub(super) fn surface_vertex(
         &self,
         path: &PathState,
+        route: Option<&Route>,
         point: &SurfacePoint,
         surface: &Surface,
     ) -> Option<PathVertex> {
+        let receiver = self.scene.instances[point.instance as usize].receiver;
+        let arrival = self.arrival_of(path, route, receiver)?;
+        PathVertex::on_surface((self.scene, &self.materials), &arrival, (point, surface))
+    }
+
+    /// The vertex of a path at a collision in some media, if lights count there.
+    pub(super) fn medium_vertex(
+        &self,
+        walk: &Walk,
+        position: Vec3,
+        medium: &MediumSample,
+    ) -> Option<PathVertex> {
+        let (media, route) = (self.media.as_ref()?, walk.route.as_ref()?);
+        let arrival = self.arrival_of(&walk.path, Some(route), media.receiver(&route.stack))?;
+        Some(PathVertex::in_medium(&arrival, (position, walk.ray.time), (walk.ray.direction, medium)))
+    }
+
+    /// State in which a path comes to a vertex; nothing if lights do not count there.
+    fn arrival_of<'p>(
+        &self,
+        path: &'p PathState,
+        route: Option<&'p Route>,
+        receiver: u16,
+    ) -> Option<PathAtVertex<'p>> {
         let (limits, ray) = (&self.settings.bounces, path.ray_info());
         if ray.transparent_depth > limits.transparent {
             return None;
         }
         let class = self.classes.as_ref().map_or(0, |classes| classes.offset(Sight::Shadow, ray.depth));
-        let receiver = self.scene.instances[point.instance as usize].receiver + class;
-        let weight = path.throughput * self.settings.film_exposure;
-        let parts = (self.scene, &self.materials);
-        PathVertex::new(parts, limits, path, (weight, receiver), (point, surface))
+        let outside = self.media.as_ref().map(|media| media.outside());
+        let around = route.map(|route| &route.stack).filter(|stack| outside.as_ref() != Some(stack));
+        Some(PathAtVertex {
+            path,
+            weight: path.throughput * self.settings.film_exposure,
+            receiver: receiver + class,
+            transparent_left: path.transparent_left(limits),
+            around,
+        })
     }
 }

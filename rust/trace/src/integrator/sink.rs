@@ -14,7 +14,8 @@ pub trait PathSink {
     fn push(&mut self, segment: Segment);
     /// The path has ended.
     fn end_path(&mut self, aovs: AovSample);
-    /// The path met a surface, which makes it a vertex that lights can be connected to if it reflects diffusely.
+    /// The path met a surface or collided in a medium: a vertex that lights can be connected to, if anything there scatters by
+    /// [`relume_dump::Lobe::CONNECTED`].
     fn meet(&mut self, _vertex: impl FnOnce() -> Option<PathVertex>) {}
 }
 

@@ -49,6 +49,11 @@ impl TrackingNumbers {
         Self { spread: [u[0], u[1]], used: 0, state: state ^ 0x9e37_79b9_7f4a_7c15 }
     }
 
+    /// Numbers of which the first is given, and others follow from a seed.
+    pub fn starting_with(u: f32, seed: u64) -> Self {
+        Self { spread: [u, u], used: 1, state: seed }
+    }
+
     /// The next number.
     pub fn next(&mut self) -> f32 {
         if let Some(number) = self.spread.get(self.used) {

@@ -98,6 +98,11 @@ impl MediumSample {
         Vec3::select(self.extinction.cmpgt(Vec3::ZERO), share, Vec3::ZERO).min(Vec3::ONE)
     }
 
+    /// Bytes of memory besides its own size.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.phases[..])
+    }
+
     /// Phase function of the mixture for a ray that goes from unit `direction` to unit `to`, and density of [`Self::sample`].
     pub fn eval(&self, direction: Vec3, to: Vec3) -> (Vec3, f32) {
         let cos = direction.dot(to).clamp(-1.0, 1.0);

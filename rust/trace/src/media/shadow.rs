@@ -24,9 +24,9 @@ impl ShadowMedia<'_> {
         }
     }
 
-    /// Share of light that gets from a hit to the start of a ray.
+    /// Share of light that gets from a hit, or the end of a ray without one, to the start of the ray.
     pub fn transmittance(&mut self, ray: &Ray, hit: Option<&Hit>) -> Vec3 {
-        if hit.is_none() {
+        if hit.is_none() && ray.t_max == f32::INFINITY {
             self.stack = self.space.media.outside();
         }
         let length = hit.map_or(ray.t_max, |hit| hit.distance);

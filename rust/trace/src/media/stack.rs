@@ -18,6 +18,13 @@ impl VolumeStack {
         stack
     }
 
+    /// The stack of some media, the outermost first.
+    pub fn of(media: &[u32]) -> Self {
+        let mut stack = Self::default();
+        media.iter().for_each(|medium| stack.enter(*medium));
+        stack
+    }
+
     /// Numbers of the media.
     pub fn media(&self) -> &[u32] {
         &self.entries[..self.count]

@@ -1,12 +1,12 @@
 //! Connected light in parts by lobes ([`LobePart`]).
 
 use glam::Vec3;
-use relume_dump::Lobe;
+use relume_dump::{ByConnectedLobe, Lobe};
 use relume_gather::{Emitter, Gather, LobePart};
 use relume_image::Image;
 use relume_trace::{ConnectScratch, PathVertex, Tracer};
 
-use super::{Connections, weighed_sample};
+use super::{Connections, connect_sample, weighed_sample};
 
 impl Connections {
     /// Parts of the connected light of a light, in the order of [`LobePart::ALL`], from so many levels as far as they are there;
@@ -49,22 +49,17 @@ fn connect_parts(
     light: &Emitter,
     numbers: [f32; 4],
     scratch: &mut ConnectScratch,
-) -> [(LobePart, Vec3); 2] {
+) -> ByConnectedLobe<(LobePart, Vec3)> {
     let is_direct = vertex.first_lobe() == Lobe::Camera;
-    let part = |lobe: usize| {
+    let sampled = weighed_sample(vertex, light, numbers);
+    std::array::from_fn(|lobe| {
         let first = if is_direct { Lobe::CONNECTED[lobe] } else { vertex.first_lobe() };
-        LobePart::of(first, is_direct)
-    };
-    let Some((sample, weights)) = weighed_sample(vertex, light, numbers) else {
-        return [0, 1].map(|lobe| (part(lobe), Vec3::ZERO));
-    };
-    [0, 1].map(|lobe| {
-        let mut only = [0.0; 2];
-        only[lobe] = weights[lobe];
-        (
-            part(lobe),
-            sample.radiance * tracer.connect(vertex, sample.direction, sample.distance, only, scratch),
-        )
+        let value = sampled.as_ref().map_or(Vec3::ZERO, |(sample, weights)| {
+            let mut only = ByConnectedLobe::default();
+            only[lobe] = weights[lobe];
+            connect_sample(tracer, vertex, sample, only, numbers, scratch)
+        });
+        (LobePart::of(first, is_direct), value)
     })
 }
 
