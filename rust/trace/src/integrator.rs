@@ -316,7 +316,7 @@ impl Integrator<'_> {
         sink: &mut S,
     ) -> bool {
         let limits = &self.settings.bounces;
-        let Walk { path, ray, last, route, .. } = walk;
+        let Walk { path, ray, last, route, counts, .. } = walk;
         let surface = &mut scratch.surface;
         if path.is_last_surface() {
             let through = surface.transparency();
@@ -342,7 +342,9 @@ impl Integrator<'_> {
                 draws,
             );
         }
-        sink.meet(|| self.surface_vertex(path, route.as_ref(), point, surface));
+        if *counts {
+            sink.meet(|| self.surface_vertex(path, route.as_ref(), point, surface));
+        }
         if let Some(entry) = surface.enters(u[2]) {
             features.record_surface(surface);
             let Some((exit, draws)) = self.cross_body(path, point, &entry, draws, surface) else {

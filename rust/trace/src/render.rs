@@ -213,6 +213,12 @@ impl<'a> Tracer<'a> {
         self.trace_guided((x, y), pass, self.guide.as_ref(), scratch, sink);
     }
 
+    /// Sampler of a pixel. Plates of the film have the same numbers.
+    pub fn sampler(&self, (x, y): (usize, usize)) -> PixelSampler {
+        let rows = self.integrator.scene.camera.height;
+        PixelSampler::new(self.settings.seed, x as u32, (y % rows) as u32)
+    }
+
     pub(crate) fn trace_guided(
         &self,
         (x, y): (usize, usize),
@@ -221,9 +227,9 @@ impl<'a> Tracer<'a> {
         scratch: &mut PathScratch,
         sink: &mut impl PathSink,
     ) {
+        let sampler = self.sampler((x, y));
         let rows = self.integrator.scene.camera.height;
         let (plate, y) = (Plate::numbered(y / rows), y % rows);
-        let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
         for sample in pass.first_sample..pass.first_sample + pass.samples {
             self.integrator.trace((x, y), plate, sampler, sample, guide, scratch, sink);
         }

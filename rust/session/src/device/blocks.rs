@@ -200,7 +200,7 @@ mod tests {
         let scene = Arc::new(closed_box(SIZE).unwrap());
         let own = baked(&scene, 32, 0);
         let references = [1, 2].map(|seed| baked(&scene, 256, seed));
-        let connections = Connections::new(scene, own.dump().manifest(), None, 1).unwrap().unwrap();
+        let connections = Connections::new(scene, own.dump().manifest(), None, 1).unwrap();
         let connections = Arc::new(connections);
         let small = LightShape::Sphere { center: Vec3::new(0.3, -0.4, 0.2), radius: 0.02 };
         let panel = LightShape::Quad {

@@ -15,7 +15,6 @@ use relume_gather::{Balance, Emitter, Gather, GatherError, LightSample, Prepared
 use relume_image::Image;
 use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
-use relume_trace::sampler::PixelSampler;
 use relume_trace::{ConnectScratch, PathScratch, PathVertex, PixelVertices, TraceSettings, Tracer};
 use self_cell::self_cell;
 
@@ -64,8 +63,7 @@ const LEAST_SHARE: f32 = 0.1;
 const IMAGE_MEMORY: usize = 1 << 28;
 
 impl Connections {
-    /// Makes the scene of a bake ready, whose trees may be there already, in the memory of one of so many shots; none if its
-    /// lights have to be summed over crossings alone.
+    /// Makes the scene of a bake ready, whose trees may be there already, in the memory of one of so many shots.
     ///
     /// # Errors
     /// If the scene is not that of the bake, or has too many triangles.
@@ -74,7 +72,7 @@ impl Connections {
         manifest: &Manifest,
         bvh: Option<SceneBvh>,
         shots: usize,
-    ) -> Result<Option<Self>, SessionError> {
+    ) -> Result<Self, SessionError> {
         let fail = |reason: &str| {
             let text = format!(
                 "the scene is not the one that was baked: {reason}; lights have more noise without it"
@@ -92,14 +90,11 @@ impl Connections {
             Some(bvh) => Ok(Tracer::with_bvh(scene, &settings, bvh)),
             None => Tracer::new(scene, &settings),
         })?;
-        if !tracer.borrow_dependent().connects() {
-            return Ok(None);
-        }
         let (manifest, levels) = (manifest.clone(), levels(manifest));
         // As many levels as the bake has passes count.
         let connected = levels.iter().take(manifest.passes.len()).map(|level| level.pass.samples).sum();
         let balance = Balance { connected, crossed: manifest.samples() };
-        Ok(Some(Self {
+        Ok(Self {
             tracer,
             manifest,
             levels,
@@ -108,10 +103,10 @@ impl Connections {
             memory: VERTEX_MEMORY / shots.max(1),
             balance,
             images: Mutex::default(),
-        }))
+        })
     }
 
-    /// Connections in the scene that a bake folder holds; none if it holds none, or if lights have to be summed over crossings alone.
+    /// Connections in the scene that a bake folder holds; none if it holds none.
     ///
     /// # Errors
     /// Warning for the user if the scene cannot be read or is not that of the bake: see [`Self::new`].
@@ -122,7 +117,7 @@ impl Connections {
         }
         let scene = SceneFile::read(&path).map(|file| Arc::new(file.scene));
         let connections = scene.and_then(|scene| Self::new(scene, manifest, None, shots));
-        connections.map_err(|error| damage_message(&path, &reason_of(error)))
+        connections.map(Some).map_err(|error| damage_message(&path, &reason_of(error)))
     }
 
     /// True once all levels are prepared that keep their vertices.
@@ -380,10 +375,10 @@ impl Connections {
     fn with_numbers<'a>(
         &self,
         vertices: &'a [PathVertex],
-        (x, y): (usize, usize),
+        pixel: (usize, usize),
         pass: Pass,
     ) -> impl Iterator<Item = (&'a PathVertex, [f32; 4])> + use<'a> {
-        let sampler = PixelSampler::new(self.manifest.seed, x as u32, y as u32);
+        let sampler = self.tracer().sampler(pixel);
         let numbered = vertices.iter().zip((1 + LATER) * pass.first_sample..);
         numbered.map(move |(vertex, number)| (vertex, sampler.draw(number, LIGHT_GROUP)))
     }

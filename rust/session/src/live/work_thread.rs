@@ -171,10 +171,9 @@ impl WorkRun {
         let connect = move || {
             let Preparing(shared) = &preparing;
             match Connections::new(scene, &manifest, Some(bvh), seat.members()) {
-                Ok(Some(connections)) => {
+                Ok(connections) => {
                     deliver_levels(shared, &seat, &Arc::new(connections), &|| shared.lock().closed);
                 }
-                Ok(None) => {}
                 Err(error) => shared.warn(&error.to_string()),
             }
         };

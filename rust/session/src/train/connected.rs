@@ -127,7 +127,7 @@ mod tests {
     fn connected_targets_have_the_mean_of_crossings_and_less_noise_of_small_lights() {
         let scene = Arc::new(closed_box(SIZE).unwrap());
         let (own, reference) = (baked(&scene, 32, 0), baked(&scene, 2048, 1));
-        let connections = Connections::new(scene, own.dump().manifest(), None, 1).unwrap().unwrap();
+        let connections = Connections::new(scene, own.dump().manifest(), None, 1).unwrap();
         let connected =
             ConnectedPixels::new(Arc::new(connections), &own, SampleSplit::All, &|| false).unwrap();
         let denoise = Denoise::new(&own.dump().aovs(), None);

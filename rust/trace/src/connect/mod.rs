@@ -17,7 +17,6 @@ use crate::{
     integrator::{PathScratch, PathSink},
     media::{HullCrossing, Media, MediaScratch, MediaSpace, ShadowMedia, TrackingNumbers, VolumeStack},
     render::Tracer,
-    sampler::PixelSampler,
     static_light::{Goal, ShadowTracer},
 };
 
@@ -62,11 +61,6 @@ pub struct ConnectScratch {
 const CHOICE_GROUP: u32 = (1 << 26) + 1;
 
 impl Tracer<'_> {
-    /// True if lights of this scene can be connected: not for the plates of shadow catchers yet.
-    pub fn connects(&self) -> bool {
-        !self.integrator.catches
-    }
-
     /// Vertices of the paths of some pixels.
     pub fn path_vertices(
         &self,
@@ -80,8 +74,7 @@ impl Tracer<'_> {
         for (x, y) in pixels {
             kept.offsets.push(kept.vertices.len());
             self.trace_guided((x, y), pass, None, scratch, &mut met);
-            let sampler = PixelSampler::new(self.settings.seed, x as u32, y as u32);
-            let [first, later, ..] = sampler.draw(pass.first_sample, CHOICE_GROUP);
+            let [first, later, ..] = self.sampler((x, y)).draw(pass.first_sample, CHOICE_GROUP);
             choose(&mut met.first, limits.first, first, &mut kept.vertices);
             choose(&mut met.later, limits.later, later, &mut kept.vertices);
         }

@@ -42,6 +42,8 @@ pub struct PathVertex {
     /// Dimming of Lambert's closures about a bent normal.
     bumps: BumpShadowing,
     first_lobe: Lobe,
+    /// True if its light passes all objects but shadow catchers.
+    catchers_only: bool,
 }
 
 /// State in which a path comes to a vertex.
@@ -174,6 +176,7 @@ impl PathVertex {
             transparent_left: byte(arrival.transparent_left),
             bumps: BumpShadowing::default(),
             first_lobe: arrival.path.first_lobe,
+            catchers_only: arrival.path.catchers_only,
         }
     }
 
@@ -261,7 +264,8 @@ impl PathVertex {
             None => (self.reflected(wi, factors), self.ray_above(wi)?),
         };
         let is_some = scattered.max_element() > 0.0 && scattered.is_finite();
-        is_some.then(|| (scattered, Ray { kind: RayKind::Shadow, ..ray.at(self.time) }))
+        let shadow = (RayKind::Shadow, self.catchers_only);
+        is_some.then(|| (scattered, Ray { kind: shadow.0, catchers_only: shadow.1, ..ray.at(self.time) }))
     }
 
     /// What a surface reflects of light from the unit direction `wi`, see [`Self::scatter`].

@@ -50,7 +50,9 @@ impl Integrator<'_> {
                 draws,
             );
         }
-        sink.meet(|| self.medium_vertex(walk, position, &medium));
+        if walk.counts {
+            sink.meet(|| self.medium_vertex(walk, position, &medium));
+        }
         let sample = match cones.map(|cones| (cones, draws.at(GUIDE_GROUP))) {
             Some((cones, v)) => {
                 let direction = if v[0] < cones.share {

@@ -82,8 +82,7 @@ mod tests {
         let writer = MemoryWriter::new(tracer.manifest()).unwrap();
         tracer.trace(&writer, &Control::default()).unwrap();
         let gather = Gather::new(writer.snapshot());
-        let connections =
-            Connections::new(scene.clone(), gather.dump().manifest(), None, 1).unwrap().unwrap();
+        let connections = Connections::new(scene.clone(), gather.dump().manifest(), None, 1).unwrap();
         while connections.prepare_next(&|| false) {}
         let light = &bulbs(3)[..1];
         let emitters = connections.emitters(light).unwrap();

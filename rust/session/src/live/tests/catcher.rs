@@ -32,7 +32,8 @@ fn a_frame_has_the_alpha_of_caught_shadows_as_the_rendered_picture_has() {
     let folder = tempfile::tempdir().unwrap();
     bake(&stage(48, 32), &transparent(16), folder.path(), false, &Monitor::default()).unwrap();
     let live = opened(folder.path(), Device::Cpu);
-    let relighter = Relighter::open(folder.path()).unwrap();
+    let mut relighter = Relighter::open(folder.path()).unwrap();
+    relighter.connect_stored(&Monitor::default());
     let mut pictures = Vec::new();
     for lights in [[lamp(0.3)], [lamp(-0.6)]] {
         let frame = settled(&live, live.relight(request(&lights)));

@@ -40,7 +40,7 @@ impl Shot {
     fn open(folder: &Path, scene: &Arc<Scene>, pace: DragPace) -> Self {
         let dump = Dump::open(folder).unwrap();
         let manifest = dump.manifest();
-        let connections = Connections::new(scene.clone(), manifest, None, 1).unwrap().unwrap();
+        let connections = Connections::new(scene.clone(), manifest, None, 1).unwrap();
         while connections.prepare_next(&|| false) {}
         let (proxies, _) = Proxies::open_usable(folder, &manifest.scene_hash);
         let shared = Arc::new(Shared::default());

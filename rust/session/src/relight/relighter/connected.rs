@@ -28,9 +28,8 @@ impl Relighter {
     /// If the scene is not that of the bake ([`Self::is_of`]), or has too many triangles.
     pub fn connect(&mut self, scene: Arc<Scene>) -> Result<(), SessionError> {
         let Some(gather) = &self.gather else { return Ok(()) };
-        if let Some(connections) = Connections::new(scene, gather.gather().dump().manifest(), None, 1)? {
-            self.connect_by(&Arc::new(connections));
-        }
+        let connections = Connections::new(scene, gather.gather().dump().manifest(), None, 1)?;
+        self.connect_by(&Arc::new(connections));
         Ok(())
     }
 
