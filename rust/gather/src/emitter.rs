@@ -4,12 +4,12 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{Vec2, Vec3};
 use relume_dump::{ByConnectedLobe, Lobe, Manifest};
-use relume_scene::{Light, LightShape};
+use relume_scene::{Light, LightShape, ReceiverSet};
 
 use crate::GatherError;
 use crate::balance::Balance;
 use crate::light::{Ball, FAR, Plane, PreparedLight, Profile, Spread};
-use crate::rules::with_rules;
+use crate::rules::{shift, with_rules};
 
 /// A light that is summed over vertices by points on it, but for the shares that count by crossings. Its size has no floor.
 #[derive(Clone, Debug)]
@@ -17,6 +17,10 @@ pub struct Emitter {
     light: PreparedLight,
     /// Corners of the box outside of which nothing is recorded, metres; none if all is.
     recorded: Option<[Vec3; 2]>,
+    /// The only objects that block it; none where all do.
+    blockers: Option<ReceiverSet>,
+    /// Number to add to those of receivers that all objects' shadows fall on.
+    shift: u16,
 }
 
 /// A direction towards a light.
@@ -31,12 +35,12 @@ pub struct LightSample {
 }
 
 impl Emitter {
-    /// True if a light need not be summed over crossings alone. Where its object is sheared, or something else than the whole scene
-    /// blocks it, it is.
-    pub fn covers(light: &Light) -> bool {
+    /// True if a light need not be summed over the crossings of a dump alone. Where its object is sheared it is, or where something
+    /// else blocks it than was known for the dump.
+    pub fn covers(light: &Light, manifest: &Manifest) -> bool {
         let is_sheared = matches!(light.shape, LightShape::Sheared { .. });
         let is_seen = [light.lobes.diffuse, light.lobes.glossy, light.lobes.volume].iter().any(|f| *f != 0.0);
-        is_seen && !is_sheared && light.rules.blockers.is_none()
+        is_seen && !is_sheared && shift(light, manifest).is_some()
     }
 
     /// A light for the vertices of a dump's paths.
@@ -44,16 +48,25 @@ impl Emitter {
     /// # Errors
     /// See [`PreparedLight::new`].
     pub fn new(light: &Light, manifest: &Manifest, balance: Balance) -> Result<Self, GatherError> {
-        let light = PreparedLight::new(&with_rules(light, manifest), 0.0)?.balanced(balance);
-        Ok(Self { light, recorded: manifest.recorded.map(|corners| corners.map(Vec3::from)) })
+        Ok(Self {
+            light: PreparedLight::new(&with_rules(light, manifest), 0.0)?.balanced(balance),
+            recorded: manifest.recorded.map(|corners| corners.map(Vec3::from)),
+            blockers: light.rules.blockers.clone(),
+            shift: shift(light, manifest).unwrap_or_default(),
+        })
     }
 
     /// Factors on its light on a receiver by [`Lobe::CONNECTED`]; 0 if that is not lit.
     pub fn factors(&self, receiver: u16) -> ByConnectedLobe<f32> {
-        if !self.light.lights(receiver) {
+        if !self.light.lights(receiver + self.shift) {
             return ByConnectedLobe::default();
         }
         Lobe::CONNECTED.map(|lobe| self.light.factors[lobe as usize])
+    }
+
+    /// The only objects that block it, by their receiver numbers; none where all do.
+    pub fn blockers(&self) -> Option<&ReceiverSet> {
+        self.blockers.as_ref()
     }
 
     /// Shares of its light in a direction from a place that do not count by crossings, by [`Lobe::CONNECTED`].
@@ -175,6 +188,7 @@ fn shining(plane: &Plane, spread: Spread, origin: Vec3) -> Option<(Vec2, Vec2)> 
 mod tests {
     use super::*;
     use crate::tests::kernels::{random_dump_of, random_lights};
+    use relume_dump::SegmentClasses;
 
     /// Fractions of the golden ratio's two-dimensional kin: points that fill the square evenly.
     fn even(i: usize) -> [f32; 2] {
@@ -188,7 +202,7 @@ mod tests {
         let normal = Vec3::new(0.36, 0.48, 0.8);
         let origins = [Vec3::ZERO, Vec3::new(1.0, -0.5, 0.3), Vec3::new(-6.0, 4.0, 5.0)];
         let mut seen = 0;
-        for light in random_lights().iter().filter(|light| Emitter::covers(light)) {
+        for light in random_lights().iter().filter(|light| Emitter::covers(light, &manifest)) {
             let emitter = Emitter::new(light, &manifest, Balance { connected: 1, crossed: 1 }).unwrap();
             for origin in origins {
                 let above = |direction: Vec3| direction.dot(normal).max(0.0);
@@ -243,10 +257,19 @@ mod tests {
     }
 
     #[test]
-    fn lights_that_not_everything_blocks_are_summed_over_crossings() {
+    fn lights_with_blockers_that_the_dump_does_not_know_are_summed_over_crossings() {
+        let mut manifest = random_dump_of(2, &[1]).manifest().clone();
         let mut light = random_lights()[0].clone();
-        assert!(Emitter::covers(&light));
+        assert!(Emitter::covers(&light, &manifest));
+        light.rules.blockers = Some(ReceiverSet { receivers: vec![1] });
+        assert!(!Emitter::covers(&light, &manifest));
+        let blockers = vec![vec![], vec![1]];
+        manifest.classes = Some(SegmentClasses { blockers, ..SegmentClasses::default() });
+        assert!(Emitter::covers(&light, &manifest));
+        let emitter = Emitter::new(&light, &manifest, Balance { connected: 1, crossed: 1 }).unwrap();
+        // Classes are shadow rays of all, rays that only mirrors send, and those of both sets.
+        assert_eq!(usize::from(emitter.shift), 3 * manifest.receivers.len());
         (light.lobes.diffuse, light.lobes.glossy, light.lobes.volume) = (0.0, 0.0, 0.0);
-        assert!(!Emitter::covers(&light));
+        assert!(!Emitter::covers(&light, &manifest));
     }
 }

@@ -28,11 +28,28 @@ pub(crate) fn with_rules<'a>(light: &'a Light, manifest: &Manifest) -> Cow<'a, L
     })
 }
 
+/// Number to add to the receivers of segments that stand for shadow rays, for those that a light's own blockers stop; 0 for lights
+/// that everything blocks. Nothing if the dump has no class for these blockers.
+pub(crate) fn shift(light: &Light, manifest: &Manifest) -> Option<u16> {
+    if light.rules.blockers.is_none() {
+        return Some(0);
+    }
+    let classes = manifest.classes.as_ref()?;
+    let linked = Sight::Linked(set_of(light, classes)?);
+    let classes_between = classes.class(linked, 0) - classes.class(Sight::Shadow, 0);
+    u16::try_from(classes_between * manifest.receivers.len()).ok()
+}
+
+/// Number of the set of a light's blockers.
+fn set_of(light: &Light, classes: &SegmentClasses) -> Option<usize> {
+    let blockers = light.rules.blockers.as_ref()?;
+    classes.blockers.iter().position(|known| *known == blockers.receivers)
+}
+
 /// True if a light counts along the segments of a class. Blockers that the dump has no class for are taken for everything.
 fn counts(light: &Light, classes: &SegmentClasses, class: usize) -> bool {
     let rules = &light.rules;
-    let set = (rules.blockers.as_ref())
-        .and_then(|blockers| classes.blockers.iter().position(|known| *known == blockers.receivers));
+    let set = set_of(light, classes);
     let (sight, most_bounces) = classes.rules(class);
     let is_near = rules.max_bounces.is_none_or(|limit| most_bounces.is_some_and(|most| most <= limit));
     match sight {

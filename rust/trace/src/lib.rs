@@ -32,7 +32,7 @@ pub mod subdivide;
 mod subsurface;
 mod vertex;
 
-pub use connect::{ConnectScratch, PathVertex, PixelVertices, VertexLimits};
+pub use connect::{ConnectScratch, PathVertex, PixelVertices, ShadowTarget, VertexLimits};
 pub use data_passes::{DataPassSettings, DataPasses, DataTracer, matte_id, murmur3};
 pub use displace::displace;
 pub use guide::{Guide, hit_probability};

@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 use relume_dump::Lobe;
-use relume_scene::{EmitterLinks, Scene};
+use relume_scene::{EmitterLinks, ReceiverSet, Scene};
 
 use crate::{
     bsdf::Surface,
@@ -132,7 +132,7 @@ impl StaticLights {
             let radiance =
                 tracer.environment.radiance(tracer.scene, tracer.materials, direction, Lobe::Diffuse);
             let factor = factor / survival(on_film * factor * radiance, u[3] / share)?;
-            let through = tracer.transmittance_of(vertex, direction, Goal::Open(f32::INFINITY), scratch)?;
+            let through = tracer.transmittance_of(vertex, direction, Goal::open(f32::INFINITY), scratch)?;
             return Some(StaticSample::World(factor * radiance * through));
         }
         let target = self.emitters.as_ref()?.sample([u[0], u[1], u[2]], tracer.scene, vertex.time());
@@ -165,41 +165,50 @@ impl StaticLights {
     ) -> Option<Vec3> {
         let Vertex::Surface { surface, .. } = vertex else { return None };
         let (weight, direction) = surface.scatter_open_light(u)?;
-        Some(weight * tracer.transmittance_of(vertex, direction, Goal::Open(reach), scratch)?)
+        Some(weight * tracer.transmittance_of(vertex, direction, Goal::open(reach), scratch)?)
     }
 }
 
 /// Where a shadow ray goes.
 #[derive(Clone, Copy)]
 pub(crate) enum Goal<'a> {
-    /// As far as this many metres, beyond which nothing blocks it.
-    Open(f32),
+    /// As far as this many metres, beyond which nothing blocks it; the only objects that do, where not all do.
+    Open { reach: f32, blockers: Option<&'a ReceiverSet> },
     /// To an instance's triangle that shines; links where not everything blocks its light.
     Emitter { triangle: (u32, u32), links: Option<&'a EmitterLinks> },
 }
 
 impl Goal<'_> {
+    /// As far as this many metres, where all objects block the ray.
+    fn open(reach: f32) -> Self {
+        Self::Open { reach, blockers: None }
+    }
+
     fn triangle(&self) -> Option<(u32, u32)> {
         match self {
-            Self::Open(_) => None,
+            Self::Open { .. } => None,
             Self::Emitter { triangle, .. } => Some(*triangle),
         }
     }
 
     fn reach(&self) -> f32 {
         match self {
-            Self::Open(reach) => *reach,
+            Self::Open { reach, .. } => *reach,
             Self::Emitter { .. } => f32::INFINITY,
         }
     }
 
+    /// True if all objects block the ray.
+    fn is_plain(&self) -> bool {
+        matches!(self, Self::Open { blockers: None, .. })
+    }
+
     /// True if an instance does not block the ray.
     fn ignores(&self, scene: &Scene, instance: u32) -> bool {
+        let receiver = scene.instances[instance as usize].receiver;
         match self {
-            Self::Emitter { links: Some(links), .. } => {
-                links.ignore(scene.instances[instance as usize].receiver)
-            }
-            _ => false,
+            Self::Open { blockers, .. } => blockers.is_some_and(|blockers| !blockers.contains(receiver)),
+            Self::Emitter { links, .. } => links.is_some_and(|links| links.ignore(receiver)),
         }
     }
 }
@@ -253,7 +262,7 @@ impl ShadowTracer<'_> {
         let mut through = Vec3::ONE;
         ray.t_max = goal.reach();
         let emitter = goal.triangle();
-        if emitter.is_none() && !self.see_through.any && self.media.is_none() {
+        if goal.is_plain() && !self.see_through.any && self.media.is_none() {
             return (!self.bvh.is_blocked(&ray)).then_some(through);
         }
         let shadow = self.ray.shadow_from(origin);

@@ -15,7 +15,9 @@ use relume_gather::{Balance, Emitter, Gather, GatherError, LightSample, Prepared
 use relume_image::Image;
 use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
-use relume_trace::{ConnectScratch, PathScratch, PathVertex, PixelVertices, TraceSettings, Tracer};
+use relume_trace::{
+    ConnectScratch, PathScratch, PathVertex, PixelVertices, ShadowTarget, TraceSettings, Tracer,
+};
 use self_cell::self_cell;
 
 use self::levels::{LATER, Level, VERTEX_MEMORY, levels, levels_within};
@@ -394,7 +396,8 @@ pub(crate) fn emitters(
     balance: Balance,
 ) -> Result<Vec<(usize, Emitter)>, GatherError> {
     let emitter = |(number, light)| Ok((number, Emitter::new(light, manifest, balance)?));
-    lights.iter().enumerate().filter(|(_, light)| Emitter::covers(light)).map(emitter).collect()
+    let covered = lights.iter().enumerate().filter(|(_, light)| Emitter::covers(light, manifest));
+    covered.map(emitter).collect()
 }
 
 /// Lights made ready for a gather without what is connected of them.
@@ -406,7 +409,7 @@ pub(crate) fn crossed(
     lights: &[Light],
     balance: Balance,
 ) -> Result<Vec<PreparedLight>, GatherError> {
-    let prepare = |light| match Emitter::covers(light) {
+    let prepare = |light| match Emitter::covers(light, gather.dump().manifest()) {
         true => gather.prepare_balanced(light, balance),
         false => gather.prepare(light),
     };
@@ -466,20 +469,21 @@ pub(crate) fn connect(
     scratch: &mut ConnectScratch,
 ) -> Vec3 {
     let Some((sample, weights)) = weighed_sample(vertex, light, numbers) else { return Vec3::ZERO };
-    connect_sample(tracer, vertex, &sample, weights, numbers, scratch)
+    connect_sample(tracer, vertex, (light, &sample), weights, numbers, scratch)
 }
 
 /// Light of a point on a light at a vertex, of so many times its radiance for each of [`relume_dump::Lobe::CONNECTED`].
 fn connect_sample(
     tracer: &Tracer<'_>,
     vertex: &PathVertex,
-    sample: &LightSample,
+    (light, sample): (&Emitter, &LightSample),
     weights: ByConnectedLobe<f32>,
     [u, v, _, way]: [f32; 4],
     scratch: &mut ConnectScratch,
 ) -> Vec3 {
-    let towards = (sample.direction, sample.distance);
-    sample.radiance * tracer.connect(vertex, towards, weights, [way, u, v], scratch)
+    let (direction, distance) = (sample.direction, sample.distance);
+    let target = ShadowTarget { direction, distance, blockers: light.blockers() };
+    sample.radiance * tracer.connect(vertex, target, weights, [way, u, v], scratch)
 }
 
 /// A point on a light for a vertex by numbers in 0..1, and its weights for each of [`relume_dump::Lobe::CONNECTED`].

@@ -82,7 +82,7 @@ impl DeviceGather {
 
     /// True if a light is connected.
     pub fn connects(&self, light: &Light) -> bool {
-        self.connections.is_some() && Emitter::covers(light)
+        self.connections.is_some() && Emitter::covers(light, self.gather.dump().manifest())
     }
 
     /// Allows sorting the copy on the GPU in the background after several relights, once nothing else needs the CPU.

@@ -48,7 +48,7 @@ impl ConnectedPixels {
         gather: &Gather,
         light: &Light,
     ) -> Result<(PreparedLight, Option<Emitter>), GatherError> {
-        if !Emitter::covers(light) {
+        if !Emitter::covers(light, self.connections.manifest()) {
             return Ok((gather.prepare(light)?, None));
         }
         let emitter = Emitter::new(light, self.connections.manifest(), self.balance)?;

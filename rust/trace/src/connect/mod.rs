@@ -9,6 +9,7 @@ mod vertex;
 
 use glam::Vec3;
 use relume_dump::{AovSample, ByConnectedLobe, Pass, Segment};
+use relume_scene::ReceiverSet;
 
 pub(crate) use self::vertex::PathAtVertex;
 pub use self::vertex::PathVertex;
@@ -50,6 +51,17 @@ impl PixelVertices {
     }
 }
 
+/// End of a shadow ray.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadowTarget<'a> {
+    /// Unit direction there.
+    pub direction: Vec3,
+    /// Metres; infinite outside of the scene.
+    pub distance: f32,
+    /// The only objects that block the ray, by their receiver numbers; none where all do.
+    pub blockers: Option<&'a ReceiverSet>,
+}
+
 /// Memory that one thread reuses from shadow ray to shadow ray.
 #[derive(Debug, Default)]
 pub struct ConnectScratch {
@@ -82,18 +94,21 @@ impl Tracer<'_> {
         kept
     }
 
-    /// Contribution to the pixel of a vertex, RGB, of light from the unit direction `wi` of radiance `factors` per steradian for each
-    /// of [`relume_dump::Lobe::CONNECTED`]. It comes from `distance` metres away, infinite outside of the scene. The numbers in 0..1
-    /// decide about its way through media.
+    /// Contribution to the pixel of a vertex, RGB, of light from a target of radiance `factors` per steradian for each of
+    /// [`relume_dump::Lobe::CONNECTED`]. The numbers in 0..1 decide about its way through media.
     pub fn connect(
         &self,
         vertex: &PathVertex,
-        (wi, distance): (Vec3, f32),
+        ShadowTarget { direction, distance, blockers }: ShadowTarget<'_>,
         factors: ByConnectedLobe<f32>,
         numbers: [f32; 3],
         scratch: &mut ConnectScratch,
     ) -> Vec3 {
-        let Some((scattered, ray)) = vertex.scatter(wi, factors) else { return Vec3::ZERO };
+        let Some((scattered, ray)) = vertex.scatter(direction, factors) else { return Vec3::ZERO };
+        if blockers.is_some_and(|blockers| blockers.receivers.is_empty()) {
+            // Media do not dim lights without shadow either.
+            return scattered;
+        }
         let integrator = &self.integrator;
         let media = integrator.media.as_ref();
         let mut tracer = ShadowTracer {
@@ -109,7 +124,8 @@ impl Tracer<'_> {
             catchers_only: false,
             media: media.map(|media| self.shadow_media(media, vertex, numbers, &mut scratch.media)),
         };
-        let through = tracer.transmittance(ray, vertex.position, Goal::Open(distance), &mut scratch.surface);
+        let goal = Goal::Open { reach: distance, blockers };
+        let through = tracer.transmittance(ray, vertex.position, goal, &mut scratch.surface);
         through.map_or(Vec3::ZERO, |through| scattered * through)
     }
 

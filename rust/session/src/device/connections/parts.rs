@@ -57,7 +57,7 @@ fn connect_parts(
         let value = sampled.as_ref().map_or(Vec3::ZERO, |(sample, weights)| {
             let mut only = ByConnectedLobe::default();
             only[lobe] = weights[lobe];
-            connect_sample(tracer, vertex, sample, only, numbers, scratch)
+            connect_sample(tracer, vertex, (light, sample), only, numbers, scratch)
         });
         (LobePart::of(first, is_direct), value)
     })

@@ -3,7 +3,7 @@ use crate::test_box::{bulbs, closed_box_around, closed_box_of, floor_in, fog, gl
 use glam::Affine3A;
 use relume_dump::MemoryWriter;
 use relume_gather::SampleSplit;
-use relume_scene::LightShape;
+use relume_scene::{Instance, LightShape, ReceiverSet};
 use relume_trace::Control;
 
 #[test]
@@ -32,15 +32,8 @@ fn fog_beyond_what_is_recorded_is_lit_as_by_crossings() {
 
 #[test]
 fn connected_light_of_shadow_catchers_has_the_mean_of_crossings_and_is_whole_where_nothing_stands() {
-    let mut scene = closed_box_of((24, 24), vec![grey()]).unwrap();
-    let mut blocker = scene.instances[0].clone();
+    let mut scene = box_with_blocker();
     scene.instances[0].is_shadow_catcher = true;
-    blocker.world_from_object = Affine3A::from_scale_rotation_translation(
-        Vec3::splat(0.15),
-        Default::default(),
-        Vec3::new(0.3, 0.0, -0.7),
-    );
-    scene.instances.push(blocker);
     let noise = compare_with_crossings(scene.clone(), 1024, &lights_in_box());
     assert!(noise.iter().all(|noise| *noise < 0.3), "{noise:?}");
     // Without the blocker nothing casts a shadow: light of catchers among all objects and among catchers is the same.
@@ -56,6 +49,28 @@ fn connected_light_of_shadow_catchers_has_the_mean_of_crossings_and_is_whole_whe
     let plates: Vec<&[f32]> = connected[0].1.image.data.chunks_exact(plate).collect();
     assert_eq!(plates[1], plates[2]);
     assert!(plates[1].iter().sum::<f32>() > 1.0 && plates[0].iter().all(|value| *value == 0.0));
+}
+
+#[test]
+fn connected_light_that_not_everything_blocks_has_the_mean_of_crossings_and_less_noise() {
+    let mut scene = box_with_blocker();
+    let mut lights = bulbs(3);
+    for (light, receivers) in lights.iter_mut().zip([vec![], vec![0], vec![1]]) {
+        light.rules.blockers = Some(ReceiverSet { receivers });
+    }
+    scene.lights = lights.clone();
+    let noise = compare_with_crossings(scene, 1024, &lights);
+    assert!(noise.iter().all(|noise| *noise < 0.3), "{noise:?}");
+}
+
+/// A closed box, seen from its middle, and a small one in it that casts a shadow.
+fn box_with_blocker() -> Scene {
+    let mut scene = closed_box_of((24, 24), vec![grey()]).unwrap();
+    let mut blocker = Instance { name: "blocker".into(), receiver: 1, ..scene.instances[0].clone() };
+    let (scale, place) = (Vec3::splat(0.12), Vec3::new(0.0, 0.0, -0.75));
+    blocker.world_from_object = Affine3A::from_scale_rotation_translation(scale, Default::default(), place);
+    scene.instances.push(blocker);
+    scene
 }
 
 #[test]
