@@ -69,6 +69,20 @@ impl Emitter {
         self.blockers.as_ref()
     }
 
+    /// Its middle, and about how far it reaches around that, metres; none of a sun.
+    pub fn center(&self) -> Option<(Vec3, f32)> {
+        match self.light.profile {
+            Profile::Sphere(ball)
+            | Profile::FacingDisk(ball)
+            | Profile::Spot { ball, .. }
+            | Profile::StretchedSpot { ball, .. } => Some((ball.center, ball.radius)),
+            Profile::Area { plane, .. } => {
+                Some((plane.center, 0.5 / plane.inverse_u.length().max(plane.inverse_v.length())))
+            }
+            Profile::Sun { .. } | Profile::Sheared(_) => None,
+        }
+    }
+
     /// Shares of its light in a direction from a place that do not count by crossings, by [`Lobe::CONNECTED`].
     pub fn shares(&self, place: Vec3, direction: Vec3) -> ByConnectedLobe<f32> {
         let recorded = self.recorded_start(place, direction);

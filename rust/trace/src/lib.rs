@@ -32,7 +32,9 @@ pub mod subdivide;
 mod subsurface;
 mod vertex;
 
-pub use connect::{ConnectScratch, PathVertex, PixelVertices, ShadowTarget, VertexLimits};
+pub use connect::{
+    ConnectScratch, LightCenter, PathVertex, PixelVertices, ShadowTarget, VertexLimits, VertexPlace,
+};
 pub use data_passes::{DataPassSettings, DataPasses, DataTracer, matte_id, murmur3};
 pub use displace::displace;
 pub use guide::{Guide, hit_probability};

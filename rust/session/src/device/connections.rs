@@ -16,11 +16,12 @@ use relume_image::Image;
 use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
 use relume_trace::{
-    ConnectScratch, PathScratch, PathVertex, PixelVertices, ShadowTarget, TraceSettings, Tracer,
+    ConnectScratch, LightCenter, PathScratch, PathVertex, PixelVertices, ShadowTarget, TraceSettings, Tracer,
+    VertexPlace,
 };
 use self_cell::self_cell;
 
-use self::levels::{LATER, Level, VERTEX_MEMORY, levels, levels_within};
+use self::levels::{KEPT, Level, VERTEX_MEMORY, levels, levels_within};
 use crate::error::SessionError;
 use crate::files::damage::{damage_message, reason_of};
 use crate::files::names::SCENE_FILE;
@@ -381,7 +382,7 @@ impl Connections {
         pass: Pass,
     ) -> impl Iterator<Item = (&'a PathVertex, [f32; 4])> + use<'a> {
         let sampler = self.tracer().sampler(pixel);
-        let numbered = vertices.iter().zip((1 + LATER) * pass.first_sample..);
+        let numbered = vertices.iter().zip(KEPT * pass.first_sample..);
         numbered.map(move |(vertex, number)| (vertex, sampler.draw(number, LIGHT_GROUP)))
     }
 }
@@ -468,43 +469,53 @@ pub(crate) fn connect(
     numbers: [f32; 4],
     scratch: &mut ConnectScratch,
 ) -> Vec3 {
-    let Some((sample, weights)) = weighed_sample(vertex, light, numbers) else { return Vec3::ZERO };
-    connect_sample(tracer, vertex, (light, &sample), weights, numbers, scratch)
+    let Some(found) = Connection::new(vertex, light, numbers) else { return Vec3::ZERO };
+    found.light(tracer, found.weights, scratch)
 }
 
-/// Light of a point on a light at a vertex, of so many times its radiance for each of [`relume_dump::Lobe::CONNECTED`].
-fn connect_sample(
-    tracer: &Tracer<'_>,
-    vertex: &PathVertex,
-    (light, sample): (&Emitter, &LightSample),
+/// A vertex and a point on a light.
+struct Connection<'a> {
+    vertex: &'a PathVertex,
+    light: &'a Emitter,
+    place: VertexPlace,
+    sample: LightSample,
+    /// Shares of its light that count, for each of [`relume_dump::Lobe::CONNECTED`].
     weights: ByConnectedLobe<f32>,
-    [u, v, _, way]: [f32; 4],
-    scratch: &mut ConnectScratch,
-) -> Vec3 {
-    let (direction, distance) = (sample.direction, sample.distance);
-    let target = ShadowTarget { direction, distance, blockers: light.blockers() };
-    sample.radiance * tracer.connect(vertex, target, weights, [way, u, v], scratch)
+    numbers: [f32; 4],
 }
 
-/// A point on a light for a vertex by numbers in 0..1, and its weights for each of [`relume_dump::Lobe::CONNECTED`].
-fn weighed_sample(
-    vertex: &PathVertex,
-    light: &Emitter,
-    [u, v, chance, _]: [f32; 4],
-) -> Option<(LightSample, ByConnectedLobe<f32>)> {
-    let (counts, factors) = (vertex.lobes(), light.factors(vertex.receiver()));
-    let lobes = (0..counts.len()).filter(|lobe| counts[*lobe] && factors[*lobe] != 0.0);
-    lobes.clone().next()?;
-    let sample = light.sample(vertex.position, vertex.normal(), [u, v])?;
-    let shares = light.shares(vertex.position, sample.direction);
-    let most = lobes.clone().map(|lobe| shares[lobe]).fold(0.0, f32::max);
-    if most <= chance * LEAST_SHARE {
-        return None;
+impl<'a> Connection<'a> {
+    /// Chooses a point by numbers in 0..1; nothing if none of the light counts.
+    fn new(vertex: &'a PathVertex, light: &'a Emitter, numbers: [f32; 4]) -> Option<Self> {
+        let [u, v, chance, w] = numbers;
+        let (counts, factors) = (vertex.lobes(), light.factors(vertex.receiver()));
+        let lobes = (0..counts.len()).filter(|lobe| counts[*lobe] && factors[*lobe] != 0.0);
+        lobes.clone().next()?;
+        let center = light.center().map(|(position, radius)| LightCenter { position, radius });
+        let place = vertex.place(center, w)?;
+        let sample = light.sample(place.position, vertex.normal(), [u, v])?;
+        let shares = light.shares(place.position, sample.direction);
+        let most = lobes.clone().map(|lobe| shares[lobe]).fold(0.0, f32::max);
+        if most <= chance * LEAST_SHARE {
+            return None;
+        }
+        let scale = (LEAST_SHARE / most).max(1.0);
+        let mut weights = ByConnectedLobe::default();
+        lobes.for_each(|lobe| weights[lobe] = scale * shares[lobe] * factors[lobe]);
+        Some(Self { vertex, light, place, sample, weights, numbers })
     }
-    let scale = (LEAST_SHARE / most).max(1.0);
-    let mut weights = ByConnectedLobe::default();
-    lobes.for_each(|lobe| weights[lobe] = scale * shares[lobe] * factors[lobe]);
-    Some((sample, weights))
+
+    /// Light there by weights for each of [`relume_dump::Lobe::CONNECTED`].
+    fn light(
+        &self,
+        tracer: &Tracer<'_>,
+        weights: ByConnectedLobe<f32>,
+        scratch: &mut ConnectScratch,
+    ) -> Vec3 {
+        let LightSample { direction, distance, radiance } = self.sample;
+        let target = ShadowTarget { direction, distance, blockers: self.light.blockers() };
+        radiance * tracer.connect(self.vertex, self.place, target, weights, self.numbers, scratch)
+    }
 }
 
 #[cfg(test)]

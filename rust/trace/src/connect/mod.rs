@@ -5,14 +5,16 @@
 //! over vertices in place of crossings (next event estimation of paths that were traced before); all other lobes are summed over
 //! crossings. Both together have the same mean as crossings alone.
 
+mod equiangular;
 mod vertex;
 
 use glam::Vec3;
 use relume_dump::{AovSample, ByConnectedLobe, Pass, Segment};
 use relume_scene::ReceiverSet;
 
-pub(crate) use self::vertex::PathAtVertex;
-pub use self::vertex::PathVertex;
+pub use self::equiangular::LightCenter;
+pub(crate) use self::vertex::{EvenWay, PathAtVertex};
+pub use self::vertex::{PathVertex, VertexPlace};
 use crate::{
     bsdf::Surface,
     integrator::{PathScratch, PathSink},
@@ -94,17 +96,19 @@ impl Tracer<'_> {
         kept
     }
 
-    /// Contribution to the pixel of a vertex, RGB, of light from a target of radiance `factors` per steradian for each of
-    /// [`relume_dump::Lobe::CONNECTED`]. The numbers in 0..1 decide about its way through media.
+    /// Contribution to the pixel of a vertex at a place of it, RGB, of light from a target of radiance `factors` per steradian for each of
+    /// [`relume_dump::Lobe::CONNECTED`]. What its way through media depends on
+    /// follows from the numbers.
     pub fn connect(
         &self,
         vertex: &PathVertex,
+        place: VertexPlace,
         ShadowTarget { direction, distance, blockers }: ShadowTarget<'_>,
         factors: ByConnectedLobe<f32>,
-        numbers: [f32; 3],
+        numbers: [f32; 4],
         scratch: &mut ConnectScratch,
     ) -> Vec3 {
-        let Some((scattered, ray)) = vertex.scatter(direction, factors) else { return Vec3::ZERO };
+        let Some((scattered, ray)) = vertex.scatter(place, direction, factors) else { return Vec3::ZERO };
         if blockers.is_some_and(|blockers| blockers.receivers.is_empty()) {
             // Media do not dim lights without shadow either.
             return scattered;
@@ -122,10 +126,10 @@ impl Tracer<'_> {
             cones: None,
             transparent_left: vertex.transparent_left(),
             catchers_only: false,
-            media: media.map(|media| self.shadow_media(media, vertex, numbers, &mut scratch.media)),
+            media: media.map(|media| self.shadow_media(media, (vertex, place), numbers, &mut scratch.media)),
         };
         let goal = Goal::Open { reach: distance, blockers };
-        let through = tracer.transmittance(ray, vertex.position, goal, &mut scratch.surface);
+        let through = tracer.transmittance(ray, place.position, goal, &mut scratch.surface);
         through.map_or(Vec3::ZERO, |through| scattered * through)
     }
 
@@ -133,18 +137,17 @@ impl Tracer<'_> {
     fn shadow_media<'s>(
         &'s self,
         media: &'s Media,
-        vertex: &PathVertex,
-        [first, u, v]: [f32; 3],
+        (vertex, place): (&PathVertex, VertexPlace),
+        [u, v, _, w]: [f32; 4],
         scratch: &'s mut MediaScratch,
     ) -> ShadowMedia<'s> {
-        let ray = vertex.ray_info().shadow_from(vertex.position);
-        let seed = u64::from(u.to_bits()) << 32 | u64::from(v.to_bits());
+        let ray = vertex.ray_info().shadow_from(place.position);
         let (scene, materials) = (self.integrator.scene, &self.integrator.materials);
         ShadowMedia {
             space: MediaSpace { scene, materials, media, time: vertex.time(), ray },
             stack: vertex.around().map_or_else(|| media.outside(), VolumeStack::of),
             crossing: HullCrossing::default(),
-            numbers: TrackingNumbers::starting_with(first, seed),
+            numbers: TrackingNumbers::seeded([u, v, w]),
             scratch,
         }
     }

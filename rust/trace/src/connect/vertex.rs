@@ -6,6 +6,7 @@ use relume_dump::{
 };
 use relume_scene::{BumpShadowing, Scene};
 
+use super::equiangular::{Equiangular, LightCenter};
 use crate::{
     bsdf::{Closure, DiffusePart, Microfacet, SampleReach, SideNormals, Surface, Viewpoint, lambert},
     bvh::{Ray, RayKind},
@@ -15,12 +16,12 @@ use crate::{
     shading::{PreparedMaterials, RayInfo, SurfacePoint},
 };
 
-/// Vertex of a light-free path, on a surface or in a medium, that lights can be connected to. It takes 64 bytes and those of its
-/// [`Rare`] parts: millions are kept.
+/// Vertex of a light-free path, on a surface or in a medium, that lights can be connected to, or a whole way through media. It takes
+/// 64 bytes and those of its [`Rare`] parts: millions are kept.
 #[derive(Clone, Debug)]
 pub struct PathVertex {
-    /// World space, metres.
-    pub position: Vec3,
+    /// World space, metres; of a way its start.
+    position: Vec3,
     /// Weight on the film of what is reflected diffusely or scattered in a medium, rgb9e5. The sum of Lambert's closures is part
     /// of it.
     weight: u32,
@@ -73,11 +74,36 @@ enum Scattering {
     /// Lambert's law, on a surface.
     Lambert,
     Surface(SurfaceParts),
-    /// Phase functions, and the unit direction in which the path arrived.
+    /// Phase functions, and the unit direction in which the path arrived; its way, if media are even along it.
     Medium {
         medium: MediumSample,
         travel: Vec3,
+        way: Option<EvenWay>,
     },
+    /// A way through even media, in a unit direction.
+    Way {
+        media: MediumSample,
+        travel: Vec3,
+        length: f32,
+    },
+}
+
+/// A way through media that are the same everywhere, on which a path collided.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EvenWay {
+    /// Distance to the collision, metres.
+    pub distance: f32,
+    /// Length up to what stands there, infinite where nothing does.
+    pub length: f32,
+}
+
+/// Place of a vertex that a light is connected to.
+#[derive(Clone, Copy, Debug)]
+pub struct VertexPlace {
+    /// World space, metres.
+    pub position: Vec3,
+    /// Factor on its weight, RGB.
+    factor: Vec3,
 }
 
 #[derive(Clone, Debug)]
@@ -147,9 +173,19 @@ impl PathVertex {
     pub(crate) fn in_medium(
         arrival: &PathAtVertex<'_>,
         (position, time): (Vec3, f32),
-        (travel, medium): (Vec3, &MediumSample),
+        (travel, medium, way): (Vec3, &MediumSample, Option<EvenWay>),
     ) -> Self {
-        let scattering = Scattering::Medium { medium: medium.clone(), travel };
+        let scattering = Scattering::Medium { medium: medium.clone(), travel, way };
+        Self { weight: packed(arrival.weight, position), ..Self::at(position, time, arrival, scattering) }
+    }
+
+    /// The way of a path from a position at a time through even media, up to a length that may be infinite.
+    pub(crate) fn on_way(
+        arrival: &PathAtVertex<'_>,
+        (position, time): (Vec3, f32),
+        (travel, media, length): (Vec3, MediumSample, f32),
+    ) -> Self {
+        let scattering = Scattering::Way { media, travel, length };
         Self { weight: packed(arrival.weight, position), ..Self::at(position, time, arrival, scattering) }
     }
 
@@ -203,7 +239,7 @@ impl PathVertex {
                 Scattering::Surface(parts) => {
                     size_of_val(&parts.gloss[..]) + parts.diffuse.as_deref().map_or(0, size_of_val)
                 }
-                Scattering::Medium { medium, .. } => medium.bytes(),
+                Scattering::Medium { medium, .. } | Scattering::Way { media: medium, .. } => medium.bytes(),
             };
             let around = rare.around.as_deref().map_or(0, size_of_val);
             size_of::<Rare>() + 2 * size_of::<usize>() + around + scattering
@@ -237,6 +273,9 @@ impl PathVertex {
             };
             sum += parts.gloss.iter().map(albedo).sum::<Vec3>();
         }
+        if let Some(Scattering::Way { media, length, .. }) = self.scattering() {
+            sum *= media.scattered_within(*length);
+        }
         sum.max_element()
     }
 
@@ -252,14 +291,48 @@ impl PathVertex {
         self
     }
 
-    /// Contribution to the pixel of light from the unit direction `wi`, of radiance `factors` per steradian for each of
+    /// Place that a light with this middle is connected to, by a number in 0..1; nothing if there is none. Of what even media scatter on
+    /// a way a share counts by a place on it that the light decides, the rest by the path's own collision (multiple importance
+    /// sampling, balance heuristic).
+    pub fn place(&self, center: Option<LightCenter>, u: f32) -> Option<VertexPlace> {
+        let here = VertexPlace { position: self.position, factor: Vec3::ONE };
+        let Some(center) = center else {
+            let is_way = matches!(self.scattering(), Some(Scattering::Way { .. }));
+            return (!is_way).then_some(here);
+        };
+        match self.scattering() {
+            Some(Scattering::Medium { medium, travel, way: Some(EvenWay { distance, length }) }) => {
+                let start = self.position - *distance * *travel;
+                let lit = Equiangular::new(start, *travel, *length, center).density(*distance);
+                let collided = medium.collision_density(*distance);
+                Some(VertexPlace { factor: Vec3::splat(collided / (lit + collided)), ..here })
+            }
+            Some(Scattering::Way { media, travel, length }) => {
+                let angles = Equiangular::new(self.position, *travel, *length, center);
+                let distance = angles.sample(u).clamp(0.0, *length);
+                let chance = angles.density(distance) + media.collision_density(distance);
+                let factor = media.scattering * media.transmittance(distance) / chance;
+                let position = self.position + distance * *travel;
+                (position.is_finite() && factor.is_finite()).then_some(VertexPlace { position, factor })
+            }
+            _ => Some(here),
+        }
+    }
+
+    /// Contribution to the pixel at a place of it of light from the unit direction `wi`, of radiance `factors` per steradian for each of
     /// [`relume_dump::Lobe::CONNECTED`], if nothing is in between, and the ray that tells whether something is; nothing where
     /// none is scattered.
-    pub(super) fn scatter(&self, wi: Vec3, factors: ByConnectedLobe<f32>) -> Option<(Vec3, Ray)> {
+    pub(super) fn scatter(
+        &self,
+        place: VertexPlace,
+        wi: Vec3,
+        factors: ByConnectedLobe<f32>,
+    ) -> Option<(Vec3, Ray)> {
         let (scattered, ray) = match self.medium() {
             Some((medium, travel)) => {
                 let (value, _) = medium.eval(travel, wi);
-                (factors[2] * decode_rgb9e5(self.weight) * value, Ray::new(self.position, wi))
+                let weight = factors[2] * decode_rgb9e5(self.weight) * place.factor;
+                (weight * value, Ray::new(place.position, wi))
             }
             None => (self.reflected(wi, factors), self.ray_above(wi)?),
         };
@@ -333,16 +406,23 @@ impl PathVertex {
         self.time
     }
 
+    fn scattering(&self) -> Option<&Scattering> {
+        self.rare.as_ref().map(|rare| &rare.scattering)
+    }
+
     fn surface(&self) -> Option<&SurfaceParts> {
-        match &self.rare.as_ref()?.scattering {
+        match self.scattering()? {
             Scattering::Surface(parts) => Some(parts),
             _ => None,
         }
     }
 
+    /// Media that it is in, and the unit direction of the path there.
     fn medium(&self) -> Option<(&MediumSample, Vec3)> {
-        match &self.rare.as_ref()?.scattering {
-            Scattering::Medium { medium, travel } => Some((medium, *travel)),
+        match self.scattering()? {
+            Scattering::Medium { medium: media, travel, .. } | Scattering::Way { media, travel, .. } => {
+                Some((media, *travel))
+            }
             _ => None,
         }
     }

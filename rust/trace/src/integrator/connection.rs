@@ -6,8 +6,9 @@ use relume_dump::Sight;
 use super::{Integrator, Walk, travel::Route};
 use crate::{
     bsdf::Surface,
-    connect::{PathAtVertex, PathVertex},
-    media::MediumSample,
+    bvh::Ray,
+    connect::{EvenWay, PathAtVertex, PathVertex},
+    media::{Media, MediumSample},
     path::PathState,
     shading::SurfacePoint,
 };
@@ -35,7 +36,20 @@ impl Integrator<'_> {
     ) -> Option<PathVertex> {
         let (media, route) = (self.media.as_ref()?, walk.route.as_ref()?);
         let arrival = self.arrival_of(&walk.path, Some(route), media.receiver(&route.stack))?;
-        Some(PathVertex::in_medium(&arrival, (position, walk.ray.time), (walk.ray.direction, medium)))
+        let Ray { origin, direction, time, .. } = walk.ray;
+        let way = media
+            .even(&route.stack)
+            .map(|_| EvenWay { distance: origin.distance(position), length: route.way });
+        Some(PathVertex::in_medium(&arrival, (position, time), (direction, medium, way)))
+    }
+
+    /// The present way of a path, if lights count along it and it leads through media that scatter and are the same everywhere.
+    pub(super) fn way_vertex(&self, walk: &Walk, media: &Media) -> Option<PathVertex> {
+        let route = walk.route.as_ref()?;
+        let even = media.even(&route.stack).filter(|even| even.scattering != Vec3::ZERO)?;
+        let arrival = self.arrival_of(&walk.path, Some(route), media.receiver(&route.stack))?;
+        let Ray { origin, direction, time, .. } = walk.ray;
+        Some(PathVertex::on_way(&arrival, (origin, time), (direction, even, route.way)))
     }
 
     /// State in which a path comes to a vertex; nothing if lights do not count there.

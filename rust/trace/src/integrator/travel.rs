@@ -43,11 +43,13 @@ pub(super) struct Route {
     recorded: Vec3,
     /// Way of a camera ray through hulls so far.
     pub travelled: f32,
+    /// Length of the present ray's way through these media.
+    pub way: f32,
 }
 
 impl Route {
     pub fn new(stack: VolumeStack, start: Vec3) -> Self {
-        Self { stack, start, recorded: start, travelled: 0.0 }
+        Self { stack, start, recorded: start, travelled: 0.0, way: 0.0 }
     }
 
     /// Goes on with a record that another ray has added to.
@@ -222,18 +224,25 @@ impl Integrator<'_> {
         scratch: &mut MediaScratch,
         sink: &mut impl PathSink,
     ) -> Option<Arrival> {
+        if let Some(route) = &mut walk.route {
+            route.way = length;
+        }
+        let scatters = !walk.path.is_last_surface() && walk.path.lights_only.is_none();
+        let is_shadow = walk.ray.kind == RayKind::Shadow;
+        let may_scatter = scatters && walk.path.survival(&self.settings.bounces) > 0.0;
+        if may_scatter && walk.counts && !is_shadow {
+            sink.meet(|| self.way_vertex(walk, media));
+        }
         let mut flown = 0.0;
         loop {
             let Ray { origin, direction, time, .. } = walk.ray;
             let at = |distance: f32| origin + direction * distance;
             let stack = &walk.route.as_ref()?.stack;
             let left = length - flown;
-            let is_shadow = walk.ray.kind == RayKind::Shadow;
             let ray = if is_shadow { walk.path.shadow_info() } else { walk.path.ray_info() };
             let space = self.space(media, time, ray);
             let flight = Flight { space, stack, origin: at(flown), direction, length: left };
             let throughput = walk.path.throughput;
-            let scatters = !walk.path.is_last_surface() && walk.path.lights_only.is_none();
             let (landing, emission) = flight.run(throughput, scatters, numbers, scratch);
             features.sample.emission += throughput * emission;
             match landing {

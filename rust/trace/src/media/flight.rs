@@ -49,9 +49,10 @@ impl TrackingNumbers {
         Self { spread: [u[0], u[1]], used: 0, state: state ^ 0x9e37_79b9_7f4a_7c15 }
     }
 
-    /// Numbers of which the first is given, and others follow from a seed.
-    pub fn starting_with(u: f32, seed: u64) -> Self {
-        Self { spread: [u, u], used: 1, state: seed }
+    /// Numbers that look independent of those which they follow from.
+    pub fn seeded(u: [f32; 3]) -> Self {
+        let [a, b, c] = u.map(|u| u64::from(u.to_bits()));
+        Self { spread: [0.0; 2], used: 2, state: (a << 32 | b) ^ c.wrapping_mul(0x2545_f491_4f6c_dd1d) }
     }
 
     /// The next number.

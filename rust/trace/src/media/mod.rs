@@ -181,6 +181,16 @@ impl Media {
         })
     }
 
+    /// The media of a stack together, if there are any and each is the same everywhere.
+    pub fn even(&self, stack: &VolumeStack) -> Option<MediumSample> {
+        let mut media = stack.media().iter().map(|medium| self.media[*medium as usize].even.as_ref());
+        let mut sum = media.next()??.clone();
+        for medium in media {
+            sum.add(medium?);
+        }
+        Some(sum)
+    }
+
     /// True if some medium differs from ray to ray.
     pub fn ask_light_path(&self) -> bool {
         self.media.iter().any(|medium| medium.asks_light_path)

@@ -98,6 +98,22 @@ impl MediumSample {
         Vec3::select(self.extinction.cmpgt(Vec3::ZERO), share, Vec3::ZERO).min(Vec3::ONE)
     }
 
+    /// Share of light that gets through a length of it, RGB.
+    pub(crate) fn transmittance(&self, length: f32) -> Vec3 {
+        Vec3::select(self.extinction.cmpgt(Vec3::ZERO), (-self.extinction * length).exp(), Vec3::ONE)
+    }
+
+    /// Share of light that is scattered within a length of it, RGB.
+    pub(crate) fn scattered_within(&self, length: f32) -> Vec3 {
+        let lost = Vec3::ONE - self.transmittance(length);
+        Vec3::select(self.extinction.cmpgt(Vec3::ZERO), self.scattering / self.extinction * lost, Vec3::ZERO)
+    }
+
+    /// Density of a distance to a collision, per metre: mean of the channels.
+    pub(crate) fn collision_density(&self, distance: f32) -> f32 {
+        (self.extinction * self.transmittance(distance)).element_sum() / 3.0
+    }
+
     /// Bytes of memory besides its own size.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.phases[..])

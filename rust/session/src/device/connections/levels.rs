@@ -13,8 +13,12 @@ pub(super) const VERTEX_MEMORY: usize = 1 << 30;
 const FIRST_PATH: u32 = 1 << 15;
 /// Paths per pixel whose vertices lights are connected to.
 const PATHS: u32 = 32;
-/// Vertices that are kept of a path but its first: those of later bounces matter less.
-pub(super) const LATER: u32 = 2;
+/// Vertices that are kept of a path that nothing scattered before: one where it scatters, and one for its way there through media.
+const FIRST: u32 = 2;
+/// Vertices that are kept of a path but those: those of later bounces matter less.
+const LATER: u32 = 2;
+/// Most vertices that are kept of a path.
+pub(super) const KEPT: u32 = FIRST + LATER;
 
 /// Some paths of each pixel.
 pub(super) struct Level {
@@ -26,7 +30,7 @@ pub(super) struct Level {
 
 /// Most vertices that are kept of a pixel of so many paths.
 pub(crate) fn limits(samples: u32) -> VertexLimits {
-    VertexLimits { first: samples as usize, later: (LATER * samples) as usize }
+    VertexLimits { first: (FIRST * samples) as usize, later: (LATER * samples) as usize }
 }
 
 /// Levels of a picture.

@@ -6,7 +6,7 @@ use relume_gather::{Emitter, Gather, LobePart};
 use relume_image::Image;
 use relume_trace::{ConnectScratch, PathVertex, Tracer};
 
-use super::{Connections, connect_sample, weighed_sample};
+use super::{Connection, Connections};
 
 impl Connections {
     /// Parts of the connected light of a light, in the order of [`LobePart::ALL`], from so many levels as far as they are there;
@@ -51,13 +51,13 @@ fn connect_parts(
     scratch: &mut ConnectScratch,
 ) -> ByConnectedLobe<(LobePart, Vec3)> {
     let is_direct = vertex.first_lobe() == Lobe::Camera;
-    let sampled = weighed_sample(vertex, light, numbers);
+    let found = Connection::new(vertex, light, numbers);
     std::array::from_fn(|lobe| {
         let first = if is_direct { Lobe::CONNECTED[lobe] } else { vertex.first_lobe() };
-        let value = sampled.as_ref().map_or(Vec3::ZERO, |(sample, weights)| {
+        let value = found.as_ref().map_or(Vec3::ZERO, |found| {
             let mut only = ByConnectedLobe::default();
-            only[lobe] = weights[lobe];
-            connect_sample(tracer, vertex, (light, sample), only, numbers, scratch)
+            only[lobe] = found.weights[lobe];
+            found.light(tracer, only, scratch)
         });
         (LobePart::of(first, is_direct), value)
     })
