@@ -284,7 +284,8 @@ impl ShadowTracer<'_> {
                 self.shade(&ray, &hit, self.ray.to_emitter(origin), scratch);
                 return Some(through);
             }
-            let surface_point = if goal.ignores(self.scene, hit.instance) {
+            let is_ignored = goal.ignores(self.scene, hit.instance);
+            let surface_point = if is_ignored {
                 self.materials.surface_point(self.scene, &hit, ray.origin, ray.direction, 0.0)
             } else {
                 if !self.see_through.by_instance[hit.instance as usize] {
@@ -299,7 +300,7 @@ impl ShadowTracer<'_> {
                 }
                 surface_point
             };
-            if let Some(media) = &mut self.media {
+            if let Some(media) = self.media.as_mut().filter(|_| !is_ignored) {
                 media.cross(&hit, ray.direction);
             }
             ray.t_max -= hit.distance;

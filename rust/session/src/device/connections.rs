@@ -1,5 +1,6 @@
 //! Lights connected to the vertices of light-free paths, where the scene of a bake is at hand.
 
+mod connection;
 mod image;
 mod levels;
 mod parts;
@@ -10,15 +11,12 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use glam::Vec3;
 use rayon::prelude::*;
-use relume_dump::{ByConnectedLobe, Manifest, Pass, TileRect};
-use relume_gather::{Balance, Emitter, Gather, GatherError, LightSample, PreparedLight};
+use relume_dump::{Manifest, Pass, TileRect};
+use relume_gather::{Balance, Emitter, Gather, GatherError, PreparedLight};
 use relume_image::Image;
 use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
-use relume_trace::{
-    ConnectScratch, LightCenter, PathScratch, PathVertex, PixelVertices, ShadowTarget, TraceSettings, Tracer,
-    VertexPlace,
-};
+use relume_trace::{ConnectScratch, PathScratch, PathVertex, PixelVertices, TraceSettings, Tracer};
 use self_cell::self_cell;
 
 use self::levels::{KEPT, Level, VERTEX_MEMORY, levels, levels_within};
@@ -28,6 +26,7 @@ use crate::files::names::SCENE_FILE;
 use crate::files::scene_file::SceneFile;
 use crate::relight::light_cache::LightCache;
 
+pub(crate) use self::connection::connect;
 pub(crate) use self::image::ConnectedImage;
 pub(crate) use self::levels::limits;
 
@@ -60,8 +59,6 @@ pub(crate) type NumberedImages = Vec<(usize, Arc<ConnectedImage>)>;
 
 /// Group of the sampler whose numbers choose points on lights.
 const LIGHT_GROUP: u32 = 1 << 25;
-/// Least share of a light that is connected at each vertex. Below it, fewer vertices are connected in its place.
-const LEAST_SHARE: f32 = 0.1;
 /// Memory of images that are kept for later, bytes.
 const IMAGE_MEMORY: usize = 1 << 28;
 
@@ -458,63 +455,6 @@ fn fill_block(
     let columns = left..rect.width.min(left + block);
     for y in top..rect.height.min(top + block) {
         values[y * rect.width..][columns.clone()].fill(value);
-    }
-}
-
-/// Light of one point on a light at a vertex, as it adds to the pixel, by numbers in 0..1.
-pub(crate) fn connect(
-    tracer: &Tracer<'_>,
-    vertex: &PathVertex,
-    light: &Emitter,
-    numbers: [f32; 4],
-    scratch: &mut ConnectScratch,
-) -> Vec3 {
-    let Some(found) = Connection::new(vertex, light, numbers) else { return Vec3::ZERO };
-    found.light(tracer, found.weights, scratch)
-}
-
-/// A vertex and a point on a light.
-struct Connection<'a> {
-    vertex: &'a PathVertex,
-    light: &'a Emitter,
-    place: VertexPlace,
-    sample: LightSample,
-    /// Shares of its light that count, for each of [`relume_dump::Lobe::CONNECTED`].
-    weights: ByConnectedLobe<f32>,
-    numbers: [f32; 4],
-}
-
-impl<'a> Connection<'a> {
-    /// Chooses a point by numbers in 0..1; nothing if none of the light counts.
-    fn new(vertex: &'a PathVertex, light: &'a Emitter, numbers: [f32; 4]) -> Option<Self> {
-        let [u, v, chance, w] = numbers;
-        let (counts, factors) = (vertex.lobes(), light.factors(vertex.receiver()));
-        let lobes = (0..counts.len()).filter(|lobe| counts[*lobe] && factors[*lobe] != 0.0);
-        lobes.clone().next()?;
-        let center = light.center().map(|(position, radius)| LightCenter { position, radius });
-        let place = vertex.place(center, w)?;
-        let sample = light.sample(place.position, vertex.normal(), [u, v])?;
-        let shares = light.shares(place.position, sample.direction);
-        let most = lobes.clone().map(|lobe| shares[lobe]).fold(0.0, f32::max);
-        if most <= chance * LEAST_SHARE {
-            return None;
-        }
-        let scale = (LEAST_SHARE / most).max(1.0);
-        let mut weights = ByConnectedLobe::default();
-        lobes.for_each(|lobe| weights[lobe] = scale * shares[lobe] * factors[lobe]);
-        Some(Self { vertex, light, place, sample, weights, numbers })
-    }
-
-    /// Light there by weights for each of [`relume_dump::Lobe::CONNECTED`].
-    fn light(
-        &self,
-        tracer: &Tracer<'_>,
-        weights: ByConnectedLobe<f32>,
-        scratch: &mut ConnectScratch,
-    ) -> Vec3 {
-        let LightSample { direction, distance, radiance } = self.sample;
-        let target = ShadowTarget { direction, distance, blockers: self.light.blockers() };
-        radiance * tracer.connect(self.vertex, self.place, target, weights, self.numbers, scratch)
     }
 }
 

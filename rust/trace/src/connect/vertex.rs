@@ -73,16 +73,16 @@ struct Rare {
 enum Scattering {
     /// Lambert's law, on a surface.
     Lambert,
-    Surface(SurfaceParts),
+    Surface(Box<SurfaceParts>),
     /// Phase functions, and the unit direction in which the path arrived; its way, if media are even along it.
     Medium {
-        medium: MediumSample,
+        medium: Arc<MediumSample>,
         travel: Vec3,
         way: Option<EvenWay>,
     },
     /// A way through even media, in a unit direction.
     Way {
-        media: MediumSample,
+        media: Arc<MediumSample>,
         travel: Vec3,
         length: f32,
     },
@@ -155,7 +155,8 @@ impl PathVertex {
         let scattering = if is_lambert {
             Scattering::Lambert
         } else {
-            Scattering::Surface(SurfaceParts { viewpoint: surface.viewpoint(), diffuse, gloss, between })
+            let viewpoint = surface.viewpoint();
+            Scattering::Surface(Box::new(SurfaceParts { viewpoint, diffuse, gloss, between }))
         };
         Some(Self {
             weight: packed(arrival.weight * reflectance),
@@ -173,9 +174,9 @@ impl PathVertex {
     pub(crate) fn in_medium(
         arrival: &PathAtVertex<'_>,
         (position, time): (Vec3, f32),
-        (travel, medium, way): (Vec3, &MediumSample, Option<EvenWay>),
+        (travel, medium, way): (Vec3, Arc<MediumSample>, Option<EvenWay>),
     ) -> Self {
-        let scattering = Scattering::Medium { medium: medium.clone(), travel, way };
+        let scattering = Scattering::Medium { medium, travel, way };
         Self { weight: packed(arrival.weight, position), ..Self::at(position, time, arrival, scattering) }
     }
 
@@ -183,7 +184,7 @@ impl PathVertex {
     pub(crate) fn on_way(
         arrival: &PathAtVertex<'_>,
         (position, time): (Vec3, f32),
-        (travel, media, length): (Vec3, MediumSample, f32),
+        (travel, media, length): (Vec3, Arc<MediumSample>, f32),
     ) -> Self {
         let scattering = Scattering::Way { media, travel, length };
         Self { weight: packed(arrival.weight, position), ..Self::at(position, time, arrival, scattering) }
@@ -237,9 +238,13 @@ impl PathVertex {
             let scattering = match &rare.scattering {
                 Scattering::Lambert => 0,
                 Scattering::Surface(parts) => {
-                    size_of_val(&parts.gloss[..]) + parts.diffuse.as_deref().map_or(0, size_of_val)
+                    size_of::<SurfaceParts>()
+                        + size_of_val(&parts.gloss[..])
+                        + parts.diffuse.as_deref().map_or(0, size_of_val)
                 }
-                Scattering::Medium { medium, .. } | Scattering::Way { media: medium, .. } => medium.bytes(),
+                Scattering::Medium { medium, way: None, .. } => medium.bytes(),
+                // Many share the sample of a medium that is the same everywhere.
+                Scattering::Medium { .. } | Scattering::Way { .. } => 0,
             };
             let around = rare.around.as_deref().map_or(0, size_of_val);
             size_of::<Rare>() + 2 * size_of::<usize>() + around + scattering

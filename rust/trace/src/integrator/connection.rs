@@ -1,5 +1,7 @@
 //! Vertices that lights can be connected to.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use relume_dump::Sight;
 
@@ -37,9 +39,9 @@ impl Integrator<'_> {
         let (media, route) = (self.media.as_ref()?, walk.route.as_ref()?);
         let arrival = self.arrival_of(&walk.path, Some(route), media.receiver(&route.stack))?;
         let Ray { origin, direction, time, .. } = walk.ray;
-        let way = media
-            .even(&route.stack)
-            .map(|_| EvenWay { distance: origin.distance(position), length: route.way });
+        let even = media.even(&route.stack);
+        let way = even.is_some().then(|| EvenWay { distance: origin.distance(position), length: route.way });
+        let medium = even.unwrap_or_else(|| Arc::new(medium.clone()));
         Some(PathVertex::in_medium(&arrival, (position, time), (direction, medium, way)))
     }
 

@@ -17,7 +17,11 @@ mod sample;
 mod shadow;
 mod stack;
 
-use std::{cell::RefCell, collections::HashMap, sync::OnceLock};
+use std::{
+    cell::RefCell,
+    collections::HashMap,
+    sync::{Arc, OnceLock},
+};
 
 use glam::{Affine3A, Vec3, Vec4};
 use relume_scene::{Light, STILL, Scene};
@@ -68,7 +72,7 @@ struct Medium {
     /// True if it differs from ray to ray.
     asks_light_path: bool,
     /// The medium at each point of it for all rays; nothing if it varies.
-    even: Option<MediumSample>,
+    even: Option<Arc<MediumSample>>,
     /// Bounds of its extinction, where it varies. They are made when a ray is first in it.
     majorants: OnceLock<MajorantGrid>,
 }
@@ -165,7 +169,7 @@ impl Media {
                 let ray = RayInfo::default();
                 let point = MediumPoint { position: Vec3::ZERO, wo: Vec3::Z, instance, time: STILL, ray };
                 materials.evaluate_medium(scene, material, &point, &[], &mut Vec::new(), &mut sample);
-                sample
+                Arc::new(sample)
             });
             self.media.push(Medium {
                 instance,
@@ -182,11 +186,11 @@ impl Media {
     }
 
     /// The media of a stack together, if there are any and each is the same everywhere.
-    pub fn even(&self, stack: &VolumeStack) -> Option<MediumSample> {
+    pub fn even(&self, stack: &VolumeStack) -> Option<Arc<MediumSample>> {
         let mut media = stack.media().iter().map(|medium| self.media[*medium as usize].even.as_ref());
-        let mut sum = media.next()??.clone();
+        let mut sum = Arc::clone(media.next()??);
         for medium in media {
-            sum.add(medium?);
+            Arc::make_mut(&mut sum).add(medium?);
         }
         Some(sum)
     }

@@ -114,9 +114,9 @@ impl MediumSample {
         (self.extinction * self.transmittance(distance)).element_sum() / 3.0
     }
 
-    /// Bytes of memory besides its own size.
+    /// Bytes of memory.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&self.phases[..])
+        size_of::<Self>() + size_of_val(&self.phases[..])
     }
 
     /// Phase function of the mixture for a ray that goes from unit `direction` to unit `to`, and density of [`Self::sample`].

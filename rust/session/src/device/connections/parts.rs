@@ -6,7 +6,8 @@ use relume_gather::{Emitter, Gather, LobePart};
 use relume_image::Image;
 use relume_trace::{ConnectScratch, PathVertex, Tracer};
 
-use super::{Connection, Connections};
+use super::Connections;
+use super::connection::Connection;
 
 impl Connections {
     /// Parts of the connected light of a light, in the order of [`LobePart::ALL`], from so many levels as far as they are there;
