@@ -44,6 +44,15 @@ def add_quad(scene, name="Plane", size=2.0, material=None):
     return add(scene, name, mesh)
 
 
+def shear(scene, light):
+    """Makes a light a small area that its parent shears. Unlike all others it is not connected: paths must meet it."""
+    rig = add(scene, "Rig", None)
+    rig.scale = (1.2, 0.8, 1.0)
+    light.data.type, light.data.size = "AREA", 0.02
+    light.parent, light.rotation_euler.z = rig, 0.6
+    bpy.context.view_layer.update()
+
+
 def add_light(scene, kind, name="Lamp", location=(0, 0, 2), **settings):
     """A light 2 m above the origin, pointing down, of 100 W unless told otherwise."""
     light = bpy.data.lights.new(name, kind)

@@ -31,6 +31,7 @@ from helpers import (
     add_sky,
     add_world,
     instance_linked_light,
+    shear,
     sky_file,
     write_multilayer,
 )
@@ -222,8 +223,8 @@ def test_a_folder_that_is_baked_in_the_background_is_left_alone(shot, tmp_path, 
 
 def test_a_lamp_that_was_moved_out_of_sight_is_traced_for(shot, tmp_path):
     key = shot.objects["Key"]
-    key.data.shadow_soft_size, key.data.energy = 0.02, 300.0
-    key.data.use_shadow = False  # Small lamps with shadow are connected, and need no paths of their own.
+    shear(shot, key)
+    key.data.energy = 300.0
     render(shot, tmp_path)
     key.location = (-1.0, 0.6, 0.8)
     bpy.context.view_layer.update()
