@@ -16,8 +16,17 @@ pub fn closed_box(size: (usize, usize)) -> Result<Scene, SessionError> {
 
 /// Lambert's law.
 pub fn grey() -> Node {
+    diffuse([0.7; 3])
+}
+
+/// [`grey`] in a colour that its gloss does not have.
+pub fn red() -> Node {
+    diffuse([0.9, 0.3, 0.05])
+}
+
+fn diffuse(color: [f32; 3]) -> Node {
     Node::Diffuse {
-        color: Input::Rgb([0.7; 3]),
+        color: Input::Rgb(color),
         roughness: Input::Float(0.0),
         multiple_scattering: Default::default(),
         normal: None,
@@ -26,6 +35,11 @@ pub fn grey() -> Node {
 
 /// Half of it [`grey`], the other a glossy reflection.
 pub fn glossy_grey(roughness: f32) -> Vec<Node> {
+    glossy(grey(), roughness)
+}
+
+/// Half of it a surface, the other a glossy reflection.
+pub fn glossy(surface: Node, roughness: f32) -> Vec<Node> {
     let gloss = Node::Glossy {
         color: Input::Rgb([0.7; 3]),
         roughness: Input::Float(roughness),
@@ -35,7 +49,7 @@ pub fn glossy_grey(roughness: f32) -> Vec<Node> {
         tangent: None,
         distribution: Distribution::Ggx,
     };
-    vec![grey(), gloss, Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) }]
+    vec![surface, gloss, Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) }]
 }
 
 /// Fog that scatters so much a metre, mostly forwards, red more than blue.
