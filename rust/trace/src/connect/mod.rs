@@ -96,9 +96,8 @@ impl Tracer<'_> {
         kept
     }
 
-    /// Contribution to the pixel of a vertex at a place of it, RGB, of light from a target of radiance `factors` per steradian for each of
-    /// [`relume_dump::Lobe::CONNECTED`]. What its way through media depends on
-    /// follows from the numbers.
+    /// Contribution to the pixel of a vertex at a place of it, RGB, of light from a target of radiance `factors` per steradian for
+    /// each of [`relume_dump::Lobe::CONNECTED`]. The numbers in 0..1 decide about its way through media.
     pub fn connect(
         &self,
         vertex: &PathVertex,

@@ -346,7 +346,7 @@ impl PathVertex {
         is_some.then(|| (scattered, Ray { kind: shadow.0, catchers_only: shadow.1, ..ray.at(self.time) }))
     }
 
-    /// What a surface reflects of light from the unit direction `wi`, see [`Self::scatter`].
+    /// Light from the unit direction `wi` that a surface reflects, see [`Self::scatter`].
     fn reflected(&self, wi: Vec3, factors: ByConnectedLobe<f32>) -> Vec3 {
         let shading = decode_direction(self.shading);
         let parts = self.surface();
