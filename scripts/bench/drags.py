@@ -41,6 +41,7 @@ Made by `scripts/bench/drags.py` from `drags.json`. Lamps are added to a shot, a
 place. Each picture that is drawn meanwhile is compared with the settled picture of the same places. Figures are means
 over {moves} pictures, then the worst; PSNR in dB after Reinhard's curve. *Auto* is what an artist sees. *Proxy* and
 *gather* are what either shows alone. Milliseconds are from a request to its picture, the median and the longest.
+*Before*, a light that was late went to its proxy at once; *after*, it is connected in blocks of pixels first.
 *Others* are the threads that wanted the machine's cores when it began: what is in time depends on them.
 
 {table}

@@ -172,14 +172,14 @@ impl StaticLights {
 /// Where a shadow ray goes.
 #[derive(Clone, Copy)]
 pub(crate) enum Goal<'a> {
-    /// As far as this many metres, beyond which nothing blocks it; the only objects that do, where not all do.
+    /// Open space up to `reach` metres, beyond which nothing blocks the ray; `blockers` alone do, where there are any.
     Open { reach: f32, blockers: Option<&'a ReceiverSet> },
     /// To an instance's triangle that shines; links where not everything blocks its light.
     Emitter { triangle: (u32, u32), links: Option<&'a EmitterLinks> },
 }
 
 impl Goal<'_> {
-    /// As far as this many metres, where all objects block the ray.
+    /// Open space up to so many metres, where all objects block the ray.
     fn open(reach: f32) -> Self {
         Self::Open { reach, blockers: None }
     }

@@ -1,4 +1,4 @@
-//! Equiangular sampling of a straight way through media (Kulla and Fajardo 2012, "Importance Sampling Techniques for Path Tracing
+//! Equiangular sampling of a flight through media (Kulla and Fajardo 2012, "Importance Sampling Techniques for Path Tracing
 //! in Participating Media"): as dense as a small light's irradiance, which distances to a collision know nothing of.
 
 use glam::Vec3;
@@ -12,10 +12,10 @@ pub struct LightCenter {
     pub radius: f32,
 }
 
-/// Distribution of distances along a way.
+/// Distribution of distances along a flight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Equiangular {
-    /// Distance at which the way is next to the light's middle.
+    /// Distance at which the flight is next to the light's middle.
     nearest: f32,
     /// Distance from there to the middle.
     height: f32,

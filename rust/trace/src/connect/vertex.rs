@@ -16,11 +16,11 @@ use crate::{
     shading::{PreparedMaterials, RayInfo, SurfacePoint},
 };
 
-/// Vertex of a light-free path, on a surface or in a medium, that lights can be connected to, or a whole way through media. It takes
+/// Vertex of a light-free path, on a surface or in a medium, that lights can be connected to, or a whole flight through media. It takes
 /// 64 bytes and those of its [`Rare`] parts: millions are kept.
 #[derive(Clone, Debug)]
 pub struct PathVertex {
-    /// World space, metres; of a way its start.
+    /// World space, metres; of a flight its start.
     position: Vec3,
     /// Weight on the film of what is reflected diffusely or scattered in a medium, rgb9e5. The sum of Lambert's closures is part
     /// of it.
@@ -74,23 +74,23 @@ enum Scattering {
     /// Lambert's law, on a surface.
     Lambert,
     Surface(Box<SurfaceParts>),
-    /// Phase functions, and the unit direction in which the path arrived; its way, if media are even along it.
+    /// Phase functions, and the unit direction in which the path arrived; its flight, if the media are homogeneous.
     Medium {
         medium: Arc<MediumSample>,
         travel: Vec3,
-        way: Option<EvenWay>,
+        flight: Option<EvenFlight>,
     },
-    /// A way through even media, in a unit direction.
-    Way {
+    /// A flight through homogeneous media, in a unit direction.
+    Flight {
         media: Arc<MediumSample>,
         travel: Vec3,
         length: f32,
     },
 }
 
-/// A way through media that are the same everywhere, on which a path collided.
+/// A flight through homogeneous media that ended at a collision.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct EvenWay {
+pub(crate) struct EvenFlight {
     /// Distance to the collision, metres.
     pub distance: f32,
     /// Length up to what stands there, infinite where nothing does.
@@ -174,19 +174,19 @@ impl PathVertex {
     pub(crate) fn in_medium(
         arrival: &PathAtVertex<'_>,
         (position, time): (Vec3, f32),
-        (travel, medium, way): (Vec3, Arc<MediumSample>, Option<EvenWay>),
+        (travel, medium, flight): (Vec3, Arc<MediumSample>, Option<EvenFlight>),
     ) -> Self {
-        let scattering = Scattering::Medium { medium, travel, way };
+        let scattering = Scattering::Medium { medium, travel, flight };
         Self { weight: packed(arrival.weight, position), ..Self::at(position, time, arrival, scattering) }
     }
 
-    /// The way of a path from a position at a time through even media, up to a length that may be infinite.
-    pub(crate) fn on_way(
+    /// The flight of a path from a position at a time through homogeneous media, up to a length that may be infinite.
+    pub(crate) fn on_flight(
         arrival: &PathAtVertex<'_>,
         (position, time): (Vec3, f32),
         (travel, media, length): (Vec3, Arc<MediumSample>, f32),
     ) -> Self {
-        let scattering = Scattering::Way { media, travel, length };
+        let scattering = Scattering::Flight { media, travel, length };
         Self { weight: packed(arrival.weight, position), ..Self::at(position, time, arrival, scattering) }
     }
 
@@ -242,9 +242,9 @@ impl PathVertex {
                         + size_of_val(&parts.gloss[..])
                         + parts.diffuse.as_deref().map_or(0, size_of_val)
                 }
-                Scattering::Medium { medium, way: None, .. } => medium.bytes(),
+                Scattering::Medium { medium, flight: None, .. } => medium.bytes(),
                 // Many share the sample of a medium that is the same everywhere.
-                Scattering::Medium { .. } | Scattering::Way { .. } => 0,
+                Scattering::Medium { .. } | Scattering::Flight { .. } => 0,
             };
             let around = rare.around.as_deref().map_or(0, size_of_val);
             size_of::<Rare>() + 2 * size_of::<usize>() + around + scattering
@@ -278,7 +278,7 @@ impl PathVertex {
             };
             sum += parts.gloss.iter().map(albedo).sum::<Vec3>();
         }
-        if let Some(Scattering::Way { media, length, .. }) = self.scattering() {
+        if let Some(Scattering::Flight { media, length, .. }) = self.scattering() {
             sum *= media.scattered_within(*length);
         }
         sum.max_element()
@@ -296,23 +296,23 @@ impl PathVertex {
         self
     }
 
-    /// Place that a light with this middle is connected to, by a number in 0..1; nothing if there is none. Of what even media scatter on
-    /// a way a share counts by a place on it that the light decides, the rest by the path's own collision (multiple importance
+    /// Place that a light with this middle is connected to, by a number in 0..1; nothing if there is none. Light that homogeneous
+    /// media scatter counts in part at a place that the light decides, in part at the path's own collision (multiple importance
     /// sampling, balance heuristic).
     pub fn place(&self, center: Option<LightCenter>, u: f32) -> Option<VertexPlace> {
         let here = VertexPlace { position: self.position, factor: Vec3::ONE };
         let Some(center) = center else {
-            let is_way = matches!(self.scattering(), Some(Scattering::Way { .. }));
-            return (!is_way).then_some(here);
+            let is_flight = matches!(self.scattering(), Some(Scattering::Flight { .. }));
+            return (!is_flight).then_some(here);
         };
         match self.scattering() {
-            Some(Scattering::Medium { medium, travel, way: Some(EvenWay { distance, length }) }) => {
+            Some(Scattering::Medium { medium, travel, flight: Some(EvenFlight { distance, length }) }) => {
                 let start = self.position - *distance * *travel;
                 let lit = Equiangular::new(start, *travel, *length, center).density(*distance);
                 let collided = medium.collision_density(*distance);
                 Some(VertexPlace { factor: Vec3::splat(collided / (lit + collided)), ..here })
             }
-            Some(Scattering::Way { media, travel, length }) => {
+            Some(Scattering::Flight { media, travel, length }) => {
                 let angles = Equiangular::new(self.position, *travel, *length, center);
                 let distance = angles.sample(u).clamp(0.0, *length);
                 let chance = angles.density(distance) + media.collision_density(distance);
@@ -425,7 +425,7 @@ impl PathVertex {
     /// Media that it is in, and the unit direction of the path there.
     fn medium(&self) -> Option<(&MediumSample, Vec3)> {
         match self.scattering()? {
-            Scattering::Medium { medium: media, travel, .. } | Scattering::Way { media, travel, .. } => {
+            Scattering::Medium { medium: media, travel, .. } | Scattering::Flight { media, travel, .. } => {
                 Some((media, *travel))
             }
             _ => None,

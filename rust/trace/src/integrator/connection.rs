@@ -9,7 +9,7 @@ use super::{Integrator, Walk, travel::Route};
 use crate::{
     bsdf::Surface,
     bvh::Ray,
-    connect::{EvenWay, PathAtVertex, PathVertex},
+    connect::{EvenFlight, PathAtVertex, PathVertex},
     media::{Media, MediumSample},
     path::PathState,
     shading::SurfacePoint,
@@ -40,18 +40,22 @@ impl Integrator<'_> {
         let arrival = self.arrival_of(&walk.path, Some(route), media.receiver(&route.stack))?;
         let Ray { origin, direction, time, .. } = walk.ray;
         let even = media.even(&route.stack);
-        let way = even.is_some().then(|| EvenWay { distance: origin.distance(position), length: route.way });
+        let flight =
+            even.is_some().then(|| EvenFlight { distance: origin.distance(position), length: route.flight });
         let medium = even.unwrap_or_else(|| Arc::new(medium.clone()));
-        Some(PathVertex::in_medium(&arrival, (position, time), (direction, medium, way)))
+        Some(PathVertex::in_medium(&arrival, (position, time), (direction, medium, flight)))
     }
 
-    /// The present way of a path, if lights count along it and it leads through media that scatter and are the same everywhere.
-    pub(super) fn way_vertex(&self, walk: &Walk, media: &Media) -> Option<PathVertex> {
+    /// The present flight of a path, if it may scatter there, and the media scatter and are homogeneous.
+    pub(super) fn flight_vertex(&self, walk: &Walk, media: &Media) -> Option<PathVertex> {
+        if walk.path.survival(&self.settings.bounces) == 0.0 {
+            return None;
+        }
         let route = walk.route.as_ref()?;
         let even = media.even(&route.stack).filter(|even| even.scattering != Vec3::ZERO)?;
         let arrival = self.arrival_of(&walk.path, Some(route), media.receiver(&route.stack))?;
         let Ray { origin, direction, time, .. } = walk.ray;
-        Some(PathVertex::on_way(&arrival, (origin, time), (direction, even, route.way)))
+        Some(PathVertex::on_flight(&arrival, (origin, time), (direction, even, route.flight)))
     }
 
     /// State in which a path comes to a vertex; nothing if lights do not count there.

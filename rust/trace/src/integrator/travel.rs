@@ -43,13 +43,13 @@ pub(super) struct Route {
     recorded: Vec3,
     /// Way of a camera ray through hulls so far.
     pub travelled: f32,
-    /// Length of the present ray's way through these media.
-    pub way: f32,
+    /// Length of the present ray's flight through these media.
+    pub flight: f32,
 }
 
 impl Route {
     pub fn new(stack: VolumeStack, start: Vec3) -> Self {
-        Self { stack, start, recorded: start, travelled: 0.0, way: 0.0 }
+        Self { stack, start, recorded: start, travelled: 0.0, flight: 0.0 }
     }
 
     /// Goes on with a record that another ray has added to.
@@ -225,13 +225,12 @@ impl Integrator<'_> {
         sink: &mut impl PathSink,
     ) -> Option<Arrival> {
         if let Some(route) = &mut walk.route {
-            route.way = length;
+            route.flight = length;
         }
         let scatters = !walk.path.is_last_surface() && walk.path.lights_only.is_none();
         let is_shadow = walk.ray.kind == RayKind::Shadow;
-        let may_scatter = scatters && walk.path.survival(&self.settings.bounces) > 0.0;
-        if may_scatter && walk.counts && !is_shadow {
-            sink.meet(|| self.way_vertex(walk, media));
+        if scatters && walk.counts && !is_shadow {
+            sink.meet(|| self.flight_vertex(walk, media));
         }
         let mut flown = 0.0;
         loop {

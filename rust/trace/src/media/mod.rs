@@ -185,7 +185,7 @@ impl Media {
         })
     }
 
-    /// The media of a stack together, if there are any and each is the same everywhere.
+    /// The media of a stack together, if there are any and each is homogeneous.
     pub fn even(&self, stack: &VolumeStack) -> Option<Arc<MediumSample>> {
         let mut media = stack.media().iter().map(|medium| self.media[*medium as usize].even.as_ref());
         let mut sum = Arc::clone(media.next()??);

@@ -13,7 +13,7 @@ pub(super) const VERTEX_MEMORY: usize = 1 << 30;
 const FIRST_PATH: u32 = 1 << 15;
 /// Paths per pixel whose vertices lights are connected to.
 const PATHS: u32 = 32;
-/// Vertices that are kept of a path that nothing scattered before: one where it scatters, and one for its way there through media.
+/// Vertices that are kept of a path that nothing scattered before: one where it scatters, and one for its flight there through media.
 const FIRST: u32 = 2;
 /// Vertices that are kept of a path but those: those of later bounces matter less.
 const LATER: u32 = 2;
