@@ -256,13 +256,13 @@ impl Integrator<'_> {
         if path.lights_only.is_some() {
             return;
         }
-        let radiance = self.environment.radiance(self.scene, &self.materials, direction, path.light_lobe);
+        let radiance = self.environment.radiance(self.scene, &self.materials, direction, path.light.lobe);
         if radiance != Vec3::ZERO {
             let weight = self
                 .lights
                 .as_ref()
                 .map_or(1.0, |lights| lights.world_weight(walk.last, &self.environment, direction));
-            features.sample.world += path.throughput * radiance * (weight * factor);
+            features.sample.world += path.light_throughput() * radiance * (weight * factor);
         }
     }
 

@@ -4,7 +4,7 @@ use glam::Vec3;
 use relume_dump::{End, Lobe, Segment};
 
 use crate::{
-    bsdf::BsdfSample,
+    bsdf::{BsdfSample, LightClass},
     settings::BounceLimits,
     shading::{Hit, RayInfo},
 };
@@ -24,8 +24,8 @@ pub(crate) struct PathState {
     is_singular: bool,
     /// Place of that event, or the camera's.
     origin: Vec3,
-    /// Class that lights along the present segment are collected under ([`BsdfSample::light_lobe`]).
-    pub light_lobe: Lobe,
+    /// Class that lights along the present segment are collected under ([`BsdfSample::light`]).
+    pub light: LightClass,
     /// Class of the segment after the path's first scattering event.
     pub first_lobe: Lobe,
     /// Receiver number of the object that the path last scattered at; transparent surfaces do not change it, so that
@@ -94,7 +94,7 @@ impl PathState {
             was_diffuse: false,
             is_singular: false,
             origin,
-            light_lobe: Lobe::Camera,
+            light: LightClass::of(Lobe::Camera),
             first_lobe: Lobe::Camera,
             receiver: 0,
             sees_background: true,
@@ -124,11 +124,16 @@ impl PathState {
     pub fn segment(&self, end: End) -> Segment {
         Segment {
             end,
-            throughput: self.throughput,
-            lobe: self.light_lobe,
+            throughput: self.light_throughput(),
+            lobe: self.light.lobe,
             receiver: self.receiver,
             continues: self.continues,
         }
+    }
+
+    /// Throughput of lights along the current segment, those of its class alone.
+    pub fn light_throughput(&self) -> Vec3 {
+        self.throughput * self.light.tint
     }
 
     /// The current ray, as shaders see it.
@@ -257,7 +262,7 @@ impl PathState {
     pub fn scatter_in_medium(&mut self, position: Vec3, weight: Vec3, pdf: f32, limits: &BounceLimits) {
         self.throughput *= weight;
         self.min_pdf = self.min_pdf.min(pdf);
-        (self.lobe, self.light_lobe, self.origin) = (Lobe::Volume, Lobe::Volume, position);
+        (self.lobe, self.light, self.origin) = (Lobe::Volume, LightClass::of(Lobe::Volume), position);
         self.count_bounce();
         (self.is_diffuse, self.is_singular, self.sees_background) = (false, false, false);
         (self.through_transparent, self.continues, self.unlit) = (false, false, false);
@@ -268,7 +273,7 @@ impl PathState {
     /// Counts a scattering event.
     fn count_bounce(&mut self) {
         if self.bounces == 0 {
-            self.first_lobe = self.light_lobe;
+            self.first_lobe = self.light.lobe;
         }
         self.bounces += 1;
     }
@@ -308,7 +313,7 @@ impl PathState {
         self.lobe = sample.lobe;
         self.is_diffuse = sample.diffuse;
         self.was_diffuse |= sample.diffuse;
-        self.light_lobe = sample.light_lobe;
+        self.light = sample.light;
         self.unlit = sample.unlit;
         (self.is_singular, self.origin) = (sample.singular, position);
         (self.through_transparent, self.continues) = (false, false);
@@ -333,7 +338,7 @@ mod tests {
             weight: Vec3::splat(0.25),
             pdf: 1.0,
             lobe,
-            light_lobe: lobe,
+            light: LightClass::of(lobe),
             diffuse: lobe == Lobe::Diffuse,
             singular: false,
             alpha_squared: 1.0,

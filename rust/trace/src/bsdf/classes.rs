@@ -11,50 +11,68 @@ pub struct Part {
     pub transmitted: f32,
 }
 
-/// Parts of a surface's value in a direction by class; the rest is diffuse.
+/// A surface's value in a direction by class.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Classes {
-    glossy: f32,
-    rough_glossy: f32,
-    transmitted: f32,
+    diffuse: Vec3,
+    glossy: Vec3,
+    rough_glossy: Vec3,
+    transmitted: Vec3,
+}
+
+/// Class that lights are collected under ([`super::BsdfSample::light`]).
+#[derive(Clone, Copy, Debug)]
+pub struct LightClass {
+    /// The class.
+    pub lobe: Lobe,
+    /// Value of the class over that of all of them and the probability of its choice: 1 on average, and where there is no other.
+    pub tint: Vec3,
+}
+
+impl LightClass {
+    /// The only class there is.
+    pub fn of(lobe: Lobe) -> Self {
+        Self { lobe, tint: Vec3::ONE }
+    }
 }
 
 impl Classes {
     /// Adds the value of a closure whose reflection is of class `reflected`, of which a share is transmitted.
     pub fn add(&mut self, value: Vec3, reflected: Lobe, transmitted: f32) {
-        let sum = value.element_sum();
-        self.transmitted += sum * transmitted;
-        match reflected {
-            Lobe::Glossy => self.glossy += sum * (1.0 - transmitted),
-            Lobe::RoughGlossy => self.rough_glossy += sum * (1.0 - transmitted),
-            _ => {}
-        }
-    }
-
-    /// Makes them shares of the value of all closures.
-    pub fn share(&mut self, value: Vec3) {
-        let sum = value.element_sum();
-        self.glossy /= sum;
-        self.rough_glossy /= sum;
-        self.transmitted /= sum;
-    }
-
-    /// Class that lights are collected under where the sampled closure is of class `sampled`
-    /// ([`super::BsdfSample::light_lobe`]), chosen by a number in 0..1. Where a surface scatters around, all classes may be in
-    /// one direction.
-    pub fn lobe(self, scatters_around: bool, sampled: Lobe, u: f32) -> Lobe {
-        let u = (u * 4096.0).fract();
-        let is_reflected = matches!(sampled, Lobe::Diffuse | Lobe::Glossy);
-        let u = match scatters_around {
-            true if u < self.transmitted => return Lobe::Transmission,
-            true => u - self.transmitted,
-            false if is_reflected => u,
-            false => return sampled,
+        self.transmitted += value * transmitted;
+        let own = match reflected {
+            Lobe::Glossy => &mut self.glossy,
+            Lobe::RoughGlossy => &mut self.rough_glossy,
+            _ => &mut self.diffuse,
         };
-        match u - self.glossy {
-            rest if rest < 0.0 => Lobe::Glossy,
-            rest if rest < self.rough_glossy => Lobe::RoughGlossy,
-            _ => Lobe::Diffuse,
+        *own += value * (1.0 - transmitted);
+    }
+
+    /// Value of all of them.
+    pub fn sum(&self) -> Vec3 {
+        self.diffuse + self.glossy + self.rough_glossy + self.transmitted
+    }
+
+    /// Class where the sampled closure is of class `sampled`, chosen by a number in 0..1. Where a surface scatters around, all
+    /// classes may be in one direction.
+    pub fn choose(self, scatters_around: bool, sampled: Lobe, u: f32) -> LightClass {
+        let is_reflected = matches!(sampled, Lobe::Diffuse | Lobe::Glossy);
+        if !scatters_around && !is_reflected {
+            return LightClass::of(sampled);
         }
+        let sum = self.sum();
+        let mut rest = (u * 4096.0).fract() * sum.element_sum();
+        let is_chosen = |(_, value): &(Lobe, Vec3)| {
+            rest -= value.element_sum();
+            rest < 0.0
+        };
+        let classes = [
+            (Lobe::Transmission, self.transmitted),
+            (Lobe::Glossy, self.glossy),
+            (Lobe::RoughGlossy, self.rough_glossy),
+        ];
+        let (lobe, value) = classes.into_iter().find(is_chosen).unwrap_or((Lobe::Diffuse, self.diffuse));
+        let tint = value / sum * (sum.element_sum() / value.element_sum());
+        LightClass { lobe, tint: Vec3::select(sum.cmpgt(Vec3::ZERO), tint, Vec3::ONE) }
     }
 }

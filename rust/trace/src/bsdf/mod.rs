@@ -31,6 +31,7 @@ mod velvet;
 pub use ashikhmin::AshikhminShirley;
 pub(crate) use bssrdf::BodyEntry;
 pub use bssrdf::Bssrdf;
+pub use classes::LightClass;
 pub use closure::{Closure, Portal, Scatter};
 pub(crate) use connected_part::{DiffusePart, Viewpoint, lambert};
 pub use diffuse::OrenNayar;

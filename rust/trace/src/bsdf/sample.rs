@@ -1,6 +1,8 @@
 use glam::Vec3;
 use relume_dump::Lobe;
 
+use super::classes::LightClass;
+
 /// A sampled direction.
 #[derive(Clone, Copy, Debug)]
 pub struct BsdfSample {
@@ -16,7 +18,7 @@ pub struct BsdfSample {
     pub lobe: Lobe,
     /// Class that lights are collected under along `wi`: chosen by what each class contributes there, so that the light
     /// of a class is that of its own closures, as when Cycles samples lights, however directions were chosen.
-    pub light_lobe: Lobe,
+    pub light: LightClass,
     /// True if the closure is diffuse, on either side of the surface: the criterion of Cycles' caustics options.
     pub diffuse: bool,
     /// True if the closure is a mirror or perfectly smooth refraction.

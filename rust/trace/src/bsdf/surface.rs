@@ -2,7 +2,7 @@ use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
 use relume_scene::{BumpShadowing, MOST_RADIANCE};
 
-use super::classes::{Classes, Part};
+use super::classes::{Classes, LightClass, Part};
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
 use super::{BsdfSample, Interface, SampleReach, SideNormals};
@@ -269,38 +269,37 @@ impl Surface {
             choice.value *= self.terminator.factor(closure.normal, choice.wi);
         }
         let mut classes = Classes::default();
-        let (value, pdf) = if choice.singular {
-            let pdf = choice.pdf * probability;
-            (closure.weight * choice.value / pdf, pdf * BsdfSample::SINGULAR_PDF)
+        let value = closure.weight * choice.value;
+        let mut pdf = choice.pdf * probability;
+        let (weight, pdf) = if choice.singular {
+            (value / pdf, pdf * BsdfSample::SINGULAR_PDF)
         } else {
-            let mut value = closure.weight * choice.value;
-            let mut pdf = choice.pdf * probability;
             classes.add(value, closure.reflected_lobe(), choice.transmitted);
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
                     let part = self.eval_closure(closure, choice.wi);
-                    let weighted = closure.weight * part.value;
-                    classes.add(weighted, closure.reflected_lobe(), part.transmitted);
-                    value += weighted;
+                    classes.add(closure.weight * part.value, closure.reflected_lobe(), part.transmitted);
                     pdf += part.pdf * (closure.sample_weight / total);
                 }
             }
-            classes.share(value);
-            (value / pdf, pdf)
+            (classes.sum() / pdf, pdf)
         };
-        // The low bits of a number that chose the direction are as good as a number of their own.
-        let light_lobe =
-            if choice.singular { choice.lobe } else { classes.lobe(self.scatters_around, choice.lobe, u[0]) };
-        let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
+        let is_valid = weight.is_finite() && weight.max_element() > 0.0 && pdf > 0.0;
         if !is_valid {
             return None;
         }
+        let light = if choice.singular {
+            LightClass::of(choice.lobe)
+        } else {
+            // The low bits of a number that chose the direction are as good as a number of their own.
+            classes.choose(self.scatters_around, choice.lobe, u[0])
+        };
         Some(BsdfSample {
             wi: choice.wi,
-            weight: value,
+            weight,
             pdf,
             lobe: choice.lobe,
-            light_lobe,
+            light,
             diffuse: closure.is_diffuse(),
             singular: choice.singular,
             alpha_squared: closure.alpha_squared(),
@@ -316,15 +315,14 @@ impl Surface {
     pub(crate) fn sample_towards(&self, wi: Vec3, u: f32) -> Option<BsdfSample> {
         let total = self.total_weight();
         let mut densities = [0.0; MAX_CLOSURES];
-        let (mut value, mut classes) = (Vec3::ZERO, Classes::default());
+        let mut classes = Classes::default();
         for (closure, density) in self.closures.iter().zip(&mut densities) {
             let part = self.eval_closure(closure, wi);
-            let weighted = closure.weight * part.value;
-            classes.add(weighted, closure.reflected_lobe(), part.transmitted);
-            value += weighted;
+            classes.add(closure.weight * part.value, closure.reflected_lobe(), part.transmitted);
             *density = part.pdf * (closure.sample_weight / total);
         }
         let pdf: f32 = densities.iter().sum();
+        let value = classes.sum();
         let is_valid = value.is_finite() && value.max_element() > 0.0 && pdf > 0.0;
         if !is_valid {
             return None;
@@ -344,13 +342,12 @@ impl Surface {
             let lobe = closure.lobe_towards(wi);
             (lobe, closure.reach(self.sides, wi, lobe == Lobe::Transmission)?)
         };
-        classes.share(value);
         Some(BsdfSample {
             wi,
             weight: value / pdf,
             pdf,
             lobe,
-            light_lobe: classes.lobe(self.scatters_around, lobe, u),
+            light: classes.choose(self.scatters_around, lobe, u),
             diffuse: closure.is_diffuse(),
             singular: false,
             alpha_squared: closure.alpha_squared(),

@@ -10,7 +10,7 @@ use relume_trace::Control;
 
 #[test]
 fn connected_light_has_the_mean_of_crossings_and_less_noise() {
-    for nodes in [vec![grey()], glossy_grey(0.6), glossy(red(), 0.6)] {
+    for nodes in [vec![grey()], glossy_grey(0.6), glossy(red(), 0.6), glossy(red(), 0.25)] {
         let noise = compare_with_crossings(closed_box_of((24, 24), nodes).unwrap(), 1024, &lights_in_box());
         assert!(noise.iter().all(|noise| *noise < 0.3), "{noise:?}");
     }

@@ -272,7 +272,7 @@ fn light_goes_on_in_the_classes_that_cycles_counts() {
         let mut lights = [0_i32; 8];
         for sample in (0..20_000).filter_map(|_| surface.sample(random.next3())) {
             lobes[sample.lobe as usize] += 1;
-            lights[sample.light_lobe as usize] += 1;
+            lights[sample.light.lobe as usize] += 1;
         }
         (lobes, lights)
     };
