@@ -4,8 +4,9 @@ use crate::error::SessionError;
 use glam::{Affine3A, Vec2, Vec3};
 use relume_dump::{Dump, MemoryWriter};
 use relume_scene::{
-    Camera, Distribution, Input, Instance, Light, LightShape, Material, MathOp, Mesh, Node, Output,
-    PhaseFunction, Scene, SceneBuilder, TexCoord, World,
+    Camera, Curves, Distribution, Geometry, HairModel, HairPigment, Input, Instance, Light, LightShape,
+    Material, MathOp, Mesh, Node, Output, PhaseFunction, PrincipledHair, Scene, SceneBuilder, StrandShape,
+    TexCoord, World,
 };
 use relume_trace::{Control, TraceSettings, Tracer};
 
@@ -52,6 +53,38 @@ pub fn glossy(surface: Node, roughness: f32) -> Vec<Node> {
     vec![surface, gloss, Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) }]
 }
 
+/// Half of it [`grey`], the other green light that comes through.
+pub fn curtain() -> Vec<Node> {
+    let through = Node::Translucent { color: Input::Rgb([0.2, 0.8, 0.3]), normal: None };
+    vec![grey(), through, Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) }]
+}
+
+/// Reddish hair.
+pub fn hair(model: HairModel) -> Vec<Node> {
+    let value = Input::Float;
+    vec![Node::PrincipledHair(PrincipledHair {
+        model,
+        pigment: HairPigment::Absorption,
+        color: Input::Rgb([0.5; 3]),
+        melanin: value(0.0),
+        melanin_redness: value(0.0),
+        tint: Input::Rgb([1.0; 3]),
+        absorption_coefficient: Input::Rgb([0.2, 0.5, 1.0]),
+        aspect_ratio: value(1.0),
+        roughness: value(0.3),
+        radial_roughness: value(0.4),
+        coat: value(0.0),
+        ior: value(1.55),
+        offset: value(0.03),
+        random_color: value(0.0),
+        random_roughness: value(0.0),
+        random: None,
+        reflection: value(1.0),
+        transmission: value(1.0),
+        secondary_reflection: value(1.0),
+    })]
+}
+
 /// Fog that scatters so much a metre, mostly forwards, red more than blue.
 pub fn fog(density: f32) -> Vec<Node> {
     let phase = PhaseFunction::HenyeyGreenstein { anisotropy: Input::Float(0.4) };
@@ -95,6 +128,24 @@ pub fn closed_box_around(
         add_material(&mut builder, Material { volume: last(&medium), nodes: medium, ..Material::default() })?;
     let mesh = builder.add_mesh(box_mesh())?;
     builder.add_instance(Instance::new("hull", mesh, Affine3A::from_scale(Vec3::splat(0.5)), vec![hull]))?;
+    Ok(builder.build()?)
+}
+
+/// [`closed_box`] with thick strands before the camera.
+pub fn closed_box_with_strands(size: (usize, usize), nodes: Vec<Node>) -> Result<Scene, SessionError> {
+    let mut builder = box_builder(size, vec![grey()])?;
+    let material =
+        add_material(&mut builder, Material { surface: last(&nodes), nodes, ..Material::default() })?;
+    let mut curves = Curves { name: "strands".into(), shape: StrandShape::Round, ..Curves::default() };
+    for strand in 0..12 {
+        let x = 0.1 * strand as f32 - 0.55;
+        curves.first_keys.push(curves.keys.len() as u32);
+        curves.keys.extend([-0.5, 0.0, 0.5].map(|y: f32| Vec3::new(x + 0.2 * y, y, 0.1 * x - 0.6)));
+        curves.radii.extend([0.03; 3]);
+    }
+    curves.first_keys.push(curves.keys.len() as u32);
+    let curves = Geometry::Curves(builder.add_curves(curves)?);
+    builder.add_instance(Instance::new("strands", curves, Affine3A::IDENTITY, vec![material]))?;
     Ok(builder.build()?)
 }
 

@@ -1,16 +1,6 @@
 use glam::Vec3;
 use relume_dump::Lobe;
 
-/// Value of one closure in a direction.
-pub struct Part {
-    /// `f |cos|` without the closure's weight.
-    pub value: Vec3,
-    /// Density of the direction.
-    pub pdf: f32,
-    /// Share of the value that is of class [`Lobe::Transmission`], told where a surface scatters around.
-    pub transmitted: f32,
-}
-
 /// A surface's value in a direction by class.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Classes {
@@ -37,15 +27,15 @@ impl LightClass {
 }
 
 impl Classes {
-    /// Adds the value of a closure whose reflection is of class `reflected`, of which a share is transmitted.
-    pub fn add(&mut self, value: Vec3, reflected: Lobe, transmitted: f32) {
-        self.transmitted += value * transmitted;
-        let own = match reflected {
+    /// Adds the value of a closure of a class ([`super::Closure::light_lobe`]).
+    pub fn add(&mut self, value: Vec3, lobe: Lobe) {
+        let own = match lobe {
             Lobe::Glossy => &mut self.glossy,
             Lobe::RoughGlossy => &mut self.rough_glossy,
+            Lobe::Transmission => &mut self.transmitted,
             _ => &mut self.diffuse,
         };
-        *own += value * (1.0 - transmitted);
+        *own += value;
     }
 
     /// Value of all of them.
@@ -53,13 +43,8 @@ impl Classes {
         self.diffuse + self.glossy + self.rough_glossy + self.transmitted
     }
 
-    /// Class where the sampled closure is of class `sampled`, chosen by a number in 0..1. Where a surface scatters around, all
-    /// classes may be in one direction.
-    pub fn choose(self, scatters_around: bool, sampled: Lobe, u: f32) -> LightClass {
-        let is_reflected = matches!(sampled, Lobe::Diffuse | Lobe::Glossy);
-        if !scatters_around && !is_reflected {
-            return LightClass::of(sampled);
-        }
+    /// One of the classes, by a number in 0..1: each as often as it is of the value.
+    pub fn choose(self, u: f32) -> LightClass {
         let sum = self.sum();
         let mut rest = (u * 4096.0).fract() * sum.element_sum();
         let is_chosen = |(_, value): &(Lobe, Vec3)| {

@@ -79,8 +79,6 @@ pub struct ClosureSample {
     pub lobe: Lobe,
     /// Reach of the direction.
     pub reach: SampleReach,
-    /// Share of the value whose class is [`Lobe::Transmission`].
-    pub transmitted: f32,
 }
 
 /// Density of a closure's directions.
@@ -155,15 +153,14 @@ impl Closure {
                     [sides.geometric, sides.shading].map(|normal| -self.mirrored(normal));
                 let sample = model.sample(wo, SideNormals { geometric, shading }, u)?;
                 let wi = self.mirrored(sample.wi);
-                return Some(ClosureSample { wi, lobe: Lobe::Transmission, transmitted: 1.0, ..sample });
+                return Some(ClosureSample { wi, lobe: Lobe::Transmission, ..sample });
             }
             Scatter::Subsurface(_) => return None,
             Scatter::Hair(model) => {
                 let (wi, lobe, response) = model.sample(u, is_mixed())?;
                 let (value, pdf) = (response.value(), response.pdf());
-                let transmitted = response.transmitted_share();
                 let reach = if model.is_lit(wi) { SampleReach::Path } else { SampleReach::Unlit };
-                return Some(ClosureSample { wi, value, pdf, singular: false, lobe, reach, transmitted });
+                return Some(ClosureSample { wi, value, pdf, singular: false, lobe, reach });
             }
             Scatter::Transparent | Scatter::Portal(_) => {
                 let wi = self.portal().map_or(-wo, |portal| portal.direction);
@@ -174,7 +171,6 @@ impl Closure {
                     singular: true,
                     lobe: Lobe::Transmission,
                     reach: SampleReach::Path,
-                    transmitted: 1.0,
                 });
             }
             Scatter::Diffuse | Scatter::OrenNayar(_) => {
@@ -191,14 +187,12 @@ impl Closure {
             Scatter::Toon(model) => (model.sample([u[0], u[1]]), toon_lobe(model), false),
         };
         let reach = self.reach(sides, wi, lobe == Lobe::Transmission)?;
-        let transmitted = if lobe == Lobe::Transmission { 1.0 } else { 0.0 };
         if singular {
-            let mirrored =
-                ClosureSample { wi, value: Vec3::ONE, pdf: 1.0, singular, lobe, reach, transmitted };
+            let mirrored = ClosureSample { wi, value: Vec3::ONE, pdf: 1.0, singular, lobe, reach };
             return (reach == SampleReach::Path).then_some(mirrored);
         }
         let (value, pdf) = self.eval(sides.shading, wo, wi);
-        (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe, reach, transmitted })
+        (pdf > 0.0).then_some(ClosureSample { wi, value, pdf, singular, lobe, reach })
     }
 
     /// Estimate of the light that the closure reflects and transmits out of uniform light, weight included.
@@ -218,14 +212,23 @@ impl Closure {
         if let Scatter::Portal(portal) = self.scatter { Some(portal) } else { None }
     }
 
-    /// Class of what it reflects.
-    pub fn reflected_lobe(&self) -> Lobe {
+    /// Class that lights along `wi` are collected under, as Cycles parts closures where it samples lights: translucent ones are
+    /// diffuse, and Principled Hair is glossy, in all directions.
+    pub fn light_lobe(&self, wi: Vec3) -> Lobe {
         match &self.scatter {
-            Scatter::Microfacet(model) if model.is_rough() => Lobe::RoughGlossy,
-            Scatter::Microfacet(_) | Scatter::ThroughSheet(_) => Lobe::Glossy,
-            Scatter::AshikhminShirley(_) | Scatter::Hair(_) => Lobe::Glossy,
-            Scatter::Toon(model) => toon_lobe(model),
-            _ => Lobe::Diffuse,
+            Scatter::Microfacet(_) if self.normal.dot(wi) < 0.0 => Lobe::Transmission,
+            Scatter::ThroughSheet(_) | Scatter::Transparent | Scatter::Portal(_) => Lobe::Transmission,
+            Scatter::Hair(Hair::Lobe(model)) => model.light_lobe(),
+            _ => self.connected_lobe().unwrap_or(Lobe::Glossy),
+        }
+    }
+
+    /// Class of all that it scatters, if that is one of [`Lobe::CONNECTED`].
+    pub fn connected_lobe(&self) -> Option<Lobe> {
+        match &self.scatter {
+            Scatter::Microfacet(model) => model.is_rough().then_some(Lobe::RoughGlossy),
+            Scatter::Hair(Hair::Chiang(_) | Hair::Huang(_)) => Some(Lobe::RoughGlossy),
+            _ => self.is_diffuse().then_some(Lobe::Diffuse),
         }
     }
 
@@ -325,6 +328,11 @@ impl Closure {
                 && self.shadowing(sides.shading, wi) > 0.0
         };
         sides.reach(wi, transmission).or_else(|| is_lit().then_some(SampleReach::Lights))
+    }
+
+    /// True if light from the unit direction `wi` counts: a sample might go there ([`Self::reach`]).
+    pub(crate) fn is_lit(&self, sides: SideNormals, wi: Vec3) -> bool {
+        self.scatters_around() || self.reach(sides, wi, self.lobe_towards(wi) == Lobe::Transmission).is_some()
     }
 
     /// A direction mirrored in the surface: what goes through a sheet is what a mirror in it would reflect.

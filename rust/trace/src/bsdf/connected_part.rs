@@ -1,22 +1,27 @@
-//! Reflection of a surface that lights are connected to, apart from the rest: the closures of [`relume_dump::Lobe::CONNECTED`].
+//! Scattering of a surface that lights are connected to, apart from the rest: the closures of [`relume_dump::Lobe::CONNECTED`].
 
 use glam::Vec3;
-use relume_dump::Lobe;
 use relume_scene::BumpShadowing;
 
 use super::normal::{Terminator, bump_shadowing};
-use super::{Closure, Microfacet, Scatter, Surface};
+use super::{Closure, Scatter, Surface};
 
-/// Diffuse reflection of a surface.
+/// Closures of a surface that lights are connected to.
 #[derive(Clone, Debug)]
-pub(crate) enum DiffusePart {
-    /// Lambert's law about one normal: `weight` is the sum of the closures' weights.
-    Lambert { weight: Vec3, normal: Vec3, bumps: BumpShadowing },
-    /// Other laws, or several normals.
-    Closures(Box<[Closure]>),
+pub(crate) struct ConnectedPart {
+    pub lambert: Option<Lambert>,
+    pub others: Box<[Closure]>,
 }
 
-/// Values that reflection depends on, besides closures and the normals of both sides.
+/// Lambert's law about one normal: `weight` is the sum of the closures' weights.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lambert {
+    pub weight: Vec3,
+    pub normal: Vec3,
+    pub bumps: BumpShadowing,
+}
+
+/// Values that scattering depends on, besides closures and the normals of both sides.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Viewpoint {
     /// Unit direction back along the path.
@@ -25,51 +30,37 @@ pub(crate) struct Viewpoint {
 }
 
 impl Viewpoint {
-    /// `f |cos|` of a closure for light from the unit direction `wi`, weight included.
-    pub fn eval(&self, closure: &Closure, shading_normal: Vec3, wi: Vec3) -> Vec3 {
-        let (value, _) = closure.eval(shading_normal, self.wo, wi);
-        closure.weight * value * self.terminator.factor(closure.normal, wi)
-    }
-
-    /// `f |cos|` of facets of weight 1.
-    pub fn eval_facets(&self, facets: &Microfacet, wi: Vec3) -> Vec3 {
-        let (value, _) = facets.eval(self.wo, wi);
-        value * self.terminator.factor(facets.frame.normal(), wi)
+    /// `f |cos|` of a closure for light from the unit direction `wi`, without its weight, and the density of `wi`. `shading_normal`
+    /// is the surface's before any bump.
+    #[inline]
+    pub fn eval(&self, closure: &Closure, shading_normal: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let (value, pdf) = closure.eval(shading_normal, self.wo, wi);
+        let factor = if closure.scatters_around() { 1.0 } else { self.terminator.factor(closure.normal, wi) };
+        (value * factor, pdf)
     }
 }
 
 impl Surface {
-    /// Its diffuse reflection; nothing if it has none.
-    pub(crate) fn diffuse_part(&self) -> Option<DiffusePart> {
-        let reflects = |closure: &&Closure| {
-            let is_behind = matches!(closure.scatter, Scatter::Translucent | Scatter::RoughTranslucent(_));
-            closure.is_diffuse() && !is_behind
+    /// Its closures that lights are connected to; nothing if it has none.
+    pub(crate) fn connected_part(&self) -> Option<ConnectedPart> {
+        let connected = || self.closures.iter().filter(|closure| closure.connected_lobe().is_some());
+        connected().next()?;
+        let is_lambert = |closure: &&Closure| {
+            matches!(closure.scatter, Scatter::Diffuse) && self.viewpoint().terminator.is_at_horizon()
         };
-        let closures = self.closures.iter().filter(reflects);
-        let Closure { normal, bumps, .. } = *closures.clone().next()?;
-        let is_lambert =
-            |closure: &Closure| matches!(closure.scatter, Scatter::Diffuse) && closure.normal == normal;
-        if self.terminator.is_at_horizon() && closures.clone().all(is_lambert) {
-            return Some(DiffusePart::Lambert {
-                weight: closures.map(|closure| closure.weight).sum(),
-                normal,
-                bumps,
-            });
-        }
-        Some(DiffusePart::Closures(closures.copied().collect()))
+        let first = connected().find(is_lambert).map(|closure| (closure.normal, closure.bumps));
+        let is_summed = |closure: &&Closure| {
+            is_lambert(closure) && first.is_some_and(|(normal, _)| closure.normal == normal)
+        };
+        let lambert = first.map(|(normal, bumps)| {
+            let weight = connected().filter(is_summed).map(|closure| closure.weight).sum();
+            Lambert { weight, normal, bumps }
+        });
+        let others = connected().filter(|closure| !is_summed(closure)).copied().collect();
+        Some(ConnectedPart { lambert, others })
     }
 
-    /// Weights and facets of its rough gloss.
-    pub(crate) fn rough_gloss(&self) -> impl Iterator<Item = (Vec3, &Microfacet)> {
-        self.closures.iter().filter_map(|closure| match &closure.scatter {
-            Scatter::Microfacet(facets) if closure.reflected_lobe() == Lobe::RoughGlossy => {
-                Some((closure.weight, facets))
-            }
-            _ => None,
-        })
-    }
-
-    /// Values that its reflection depends on.
+    /// Values that its scattering depends on.
     pub(crate) fn viewpoint(&self) -> Viewpoint {
         Viewpoint { wo: self.wo(), terminator: self.terminator }
     }

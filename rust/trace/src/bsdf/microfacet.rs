@@ -232,19 +232,10 @@ impl Microfacet {
         if (wi.z < 0.0) != is_transmission {
             return None;
         }
-        let (lobe, transmitted) =
-            if is_transmission { (Lobe::Transmission, 1.0) } else { (Lobe::Glossy, 0.0) };
+        let lobe = if is_transmission { Lobe::Transmission } else { Lobe::Glossy };
         if is_smooth || (is_transmission && self.is_unbending()) {
             let value = part * self.energy_scale;
-            let single = ClosureSample {
-                wi: wi_world,
-                value,
-                pdf: probability,
-                singular: true,
-                lobe,
-                reach,
-                transmitted,
-            };
+            let single = ClosureSample { wi: wi_world, value, pdf: probability, singular: true, lobe, reach };
             return (reach == SampleReach::Path).then_some(single);
         }
         let jacobian = if is_transmission {
@@ -263,7 +254,6 @@ impl Microfacet {
             singular: false,
             lobe,
             reach,
-            transmitted,
         })
     }
 }

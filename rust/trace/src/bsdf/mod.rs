@@ -33,7 +33,7 @@ pub(crate) use bssrdf::BodyEntry;
 pub use bssrdf::Bssrdf;
 pub use classes::LightClass;
 pub use closure::{Closure, Portal, Scatter};
-pub(crate) use connected_part::{DiffusePart, Viewpoint, lambert};
+pub(crate) use connected_part::{Lambert, Viewpoint, lambert};
 pub use diffuse::OrenNayar;
 pub(crate) use dispersion::{dispersed_ior, sample_wavelength, wavelength_weight};
 pub use distribution::{MicrofacetDistribution, SlopeDistribution};

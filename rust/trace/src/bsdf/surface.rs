@@ -2,7 +2,7 @@ use glam::{Vec3, Vec4};
 use relume_dump::Lobe;
 use relume_scene::{BumpShadowing, MOST_RADIANCE};
 
-use super::classes::{Classes, LightClass, Part};
+use super::classes::{Classes, LightClass};
 use super::closure::{Closure, Scatter, Sharpness};
 use super::normal::Terminator;
 use super::{BsdfSample, Interface, SampleReach, SideNormals};
@@ -274,12 +274,12 @@ impl Surface {
         let (weight, pdf) = if choice.singular {
             (value / pdf, pdf * BsdfSample::SINGULAR_PDF)
         } else {
-            classes.add(value, closure.reflected_lobe(), choice.transmitted);
+            classes.add(value, closure.light_lobe(choice.wi));
             for (other, closure) in self.closures.iter().enumerate() {
                 if other != index {
-                    let part = self.eval_closure(closure, choice.wi);
-                    classes.add(closure.weight * part.value, closure.reflected_lobe(), part.transmitted);
-                    pdf += part.pdf * (closure.sample_weight / total);
+                    let (value, density) = self.eval_closure(closure, choice.wi);
+                    classes.add(closure.weight * value, closure.light_lobe(choice.wi));
+                    pdf += density * (closure.sample_weight / total);
                 }
             }
             (classes.sum() / pdf, pdf)
@@ -292,7 +292,7 @@ impl Surface {
             LightClass::of(choice.lobe)
         } else {
             // The low bits of a number that chose the direction are as good as a number of their own.
-            classes.choose(self.scatters_around, choice.lobe, u[0])
+            classes.choose(u[0])
         };
         Some(BsdfSample {
             wi: choice.wi,
@@ -317,9 +317,9 @@ impl Surface {
         let mut densities = [0.0; MAX_CLOSURES];
         let mut classes = Classes::default();
         for (closure, density) in self.closures.iter().zip(&mut densities) {
-            let part = self.eval_closure(closure, wi);
-            classes.add(closure.weight * part.value, closure.reflected_lobe(), part.transmitted);
-            *density = part.pdf * (closure.sample_weight / total);
+            let (value, pdf) = self.eval_closure(closure, wi);
+            classes.add(closure.weight * value, closure.light_lobe(wi));
+            *density = pdf * (closure.sample_weight / total);
         }
         let pdf: f32 = densities.iter().sum();
         let value = classes.sum();
@@ -347,7 +347,7 @@ impl Surface {
             weight: value / pdf,
             pdf,
             lobe,
-            light: classes.choose(self.scatters_around, lobe, u),
+            light: classes.choose(u),
             diffuse: closure.is_diffuse(),
             singular: false,
             alpha_squared: closure.alpha_squared(),
@@ -400,28 +400,17 @@ impl Surface {
             return sum;
         }
         for closure in &self.closures {
-            let part = self.eval_closure(closure, wi);
-            sum.0 += closure.weight * part.value;
-            sum.1 += part.pdf * (closure.sample_weight / total);
+            let (value, pdf) = self.eval_closure(closure, wi);
+            sum.0 += closure.weight * value;
+            sum.1 += pdf * (closure.sample_weight / total);
         }
         sum
     }
 
     /// [`Closure::eval`] of one of them.
     #[inline]
-    fn eval_closure(&self, closure: &Closure, wi: Vec3) -> Part {
-        if let Scatter::Hair(hair) = &closure.scatter {
-            let response = hair.eval(wi);
-            return Part {
-                value: response.value(),
-                pdf: response.pdf(),
-                transmitted: response.transmitted_share(),
-            };
-        }
-        let (value, pdf) = closure.eval(self.sides.shading, self.wo, wi);
-        let is_transmitted = self.scatters_around && closure.lobe_towards(wi) == Lobe::Transmission;
-        let transmitted = if is_transmitted { 1.0 } else { 0.0 };
-        Part { value: value * self.terminator.factor(closure.normal, wi), pdf, transmitted }
+    fn eval_closure(&self, closure: &Closure, wi: Vec3) -> (Vec3, f32) {
+        self.viewpoint().eval(closure, self.sides.shading, wi)
     }
 
     /// True if other closures than this one have densities.

@@ -125,26 +125,32 @@ impl Tracer<'_> {
             cones: None,
             transparent_left: vertex.transparent_left(),
             catchers_only: false,
-            media: media.map(|media| self.shadow_media(media, (vertex, place), numbers, &mut scratch.media)),
+            media: media.map(|media| {
+                self.shadow_media(media, (vertex, place, direction), numbers, &mut scratch.media)
+            }),
         };
         let goal = Goal::Open { reach: distance, blockers };
         let through = tracer.transmittance(ray, place.position, goal, &mut scratch.surface);
         through.map_or(Vec3::ZERO, |through| scattered * through)
     }
 
-    /// Media on the way of a shadow ray from a vertex.
+    /// Media on the way of a shadow ray from a vertex in a unit direction.
     fn shadow_media<'s>(
         &'s self,
         media: &'s Media,
-        (vertex, place): (&PathVertex, VertexPlace),
+        (vertex, place, direction): (&PathVertex, VertexPlace, Vec3),
         [u, v, _, w]: [f32; 4],
         scratch: &'s mut MediaScratch,
     ) -> ShadowMedia<'s> {
         let ray = vertex.ray_info().shadow_from(place.position);
         let (scene, materials) = (self.integrator.scene, &self.integrator.materials);
+        let mut stack = vertex.around().map_or_else(|| media.outside(), VolumeStack::of);
+        if let Some((triangle, leaves)) = vertex.comes_through(direction) {
+            media.cross_at(scene, triangle, leaves, &mut stack);
+        }
         ShadowMedia {
             space: MediaSpace { scene, materials, media, time: vertex.time(), ray },
-            stack: vertex.around().map_or_else(|| media.outside(), VolumeStack::of),
+            stack,
             crossing: HullCrossing::default(),
             numbers: TrackingNumbers::seeded([u, v, w]),
             scratch,

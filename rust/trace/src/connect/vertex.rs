@@ -8,7 +8,7 @@ use relume_scene::{BumpShadowing, Scene};
 
 use super::equiangular::{Equiangular, LightCenter};
 use crate::{
-    bsdf::{Closure, DiffusePart, Microfacet, SampleReach, SideNormals, Surface, Viewpoint, lambert},
+    bsdf::{Closure, Lambert, SampleReach, SideNormals, Surface, Viewpoint, lambert},
     bvh::{Ray, RayKind},
     media::{MediumSample, VolumeStack},
     path::PathState,
@@ -22,8 +22,7 @@ use crate::{
 pub struct PathVertex {
     /// World space, metres; of a flight its start.
     position: Vec3,
-    /// Weight on the film of what is reflected diffusely or scattered in a medium, rgb9e5. The sum of Lambert's closures is part
-    /// of it.
+    /// Weight on the film of what Lambert's closures reflect or a medium scatters, rgb9e5.
     weight: u32,
     /// Octahedral normals: the surface's own, the interpolated one, and the one about which it reflects. Of no meaning in a medium.
     geometric: u32,
@@ -109,20 +108,17 @@ pub struct VertexPlace {
 #[derive(Clone, Debug)]
 struct SurfaceParts {
     viewpoint: Viewpoint,
-    /// Diffuse closures, if they are not Lambert's.
-    diffuse: Option<Box<[Closure]>>,
-    /// Rough gloss.
-    gloss: Box<[Gloss]>,
+    /// Closures besides Lambert's; their weights are those on the film.
+    closures: Box<[Closure]>,
+    /// True if some of them scatter to the other side.
+    transmits: bool,
+    /// True if all of them reflect about the same normal as Lambert's.
+    has_one_normal: bool,
+    /// True if the path came from behind the surface.
+    backfacing: bool,
     /// Origin of rays between the surface and its shading normal's ([`SampleReach::Lights`]), if the vertex's own primitive can
     /// block them.
     between: Option<Vec3>,
-}
-
-#[derive(Clone, Debug)]
-struct Gloss {
-    /// Weight on the film, rgb9e5.
-    weight: u32,
-    facets: Microfacet,
 }
 
 const _: () = assert!(size_of::<PathVertex>() == 64);
@@ -134,32 +130,33 @@ impl PathVertex {
         arrival: &PathAtVertex<'_>,
         (point, surface): (&SurfacePoint, &Surface),
     ) -> Option<Self> {
-        let packed = |weight| packed(weight, point.position);
-        let gloss: Box<[Gloss]> = surface
-            .rough_gloss()
-            .map(|(own, facets)| Gloss { weight: packed(arrival.weight * own), facets: *facets })
-            .collect();
-        let (reflectance, normal, diffuse, bumps) = match surface.diffuse_part() {
-            Some(DiffusePart::Lambert { weight, normal, bumps }) => (weight, normal, None, bumps),
-            Some(DiffusePart::Closures(closures)) => {
-                (Vec3::ONE, closures[0].normal, Some(closures), BumpShadowing::default())
-            }
-            None => (Vec3::ZERO, gloss.first()?.facets.frame.normal(), None, BumpShadowing::default()),
-        };
+        let part = surface.connected_part()?;
+        let mut closures = part.others;
+        let Lambert { weight, normal, bumps } = part.lambert.unwrap_or_else(|| Lambert {
+            weight: Vec3::ZERO,
+            normal: closures[0].normal,
+            bumps: BumpShadowing::default(),
+        });
+        closures.iter_mut().for_each(|closure| closure.weight *= arrival.weight);
         let mut above = Ray::new(point.position, point.geometric_normal);
         offset_origin(&mut above, point);
         let mut below = Ray::new(point.position, -point.geometric_normal);
         offset_for_terminator(&mut below, materials, scene, point);
         let between = below.from.is_none().then_some(below.origin);
-        let is_lambert = diffuse.is_none() && gloss.is_empty() && between.is_none();
-        let scattering = if is_lambert {
+        let scattering = if closures.is_empty() && between.is_none() {
             Scattering::Lambert
         } else {
-            let viewpoint = surface.viewpoint();
-            Scattering::Surface(Box::new(SurfaceParts { viewpoint, diffuse, gloss, between }))
+            Scattering::Surface(Box::new(SurfaceParts {
+                viewpoint: surface.viewpoint(),
+                transmits: closures.iter().any(Closure::transmits),
+                has_one_normal: closures.iter().all(|closure| closure.normal == normal),
+                backfacing: point.backfacing,
+                closures,
+                between,
+            }))
         };
         Some(Self {
-            weight: packed(arrival.weight * reflectance),
+            weight: packed(arrival.weight * weight, point.position),
             geometric: encode_direction(point.horizon_normal()),
             shading: encode_direction(surface.shading_normal()),
             normal: encode_direction(normal),
@@ -227,9 +224,11 @@ impl PathVertex {
         self.first_lobe
     }
 
-    /// Unit normal about which it reflects; none in a medium.
+    /// Unit normal of the only half space that it scatters light from; none where there is no such.
     pub fn normal(&self) -> Option<Vec3> {
-        self.medium().is_none().then(|| decode_direction(self.normal))
+        let is_open = |parts: &SurfaceParts| parts.transmits || !parts.has_one_normal;
+        let has_none = self.medium().is_some() || self.surface().is_some_and(is_open);
+        (!has_none).then(|| decode_direction(self.normal))
     }
 
     /// Bytes of memory.
@@ -237,11 +236,7 @@ impl PathVertex {
         let rare = self.rare.as_ref().map_or(0, |rare| {
             let scattering = match &rare.scattering {
                 Scattering::Lambert => 0,
-                Scattering::Surface(parts) => {
-                    size_of::<SurfaceParts>()
-                        + size_of_val(&parts.gloss[..])
-                        + parts.diffuse.as_deref().map_or(0, size_of_val)
-                }
+                Scattering::Surface(parts) => size_of::<SurfaceParts>() + size_of_val(&parts.closures[..]),
                 Scattering::Medium { medium, flight: None, .. } => medium.bytes(),
                 // Many share the sample of a medium that is the same everywhere.
                 Scattering::Medium { .. } | Scattering::Flight { .. } => 0,
@@ -254,10 +249,12 @@ impl PathVertex {
 
     /// True for each of [`relume_dump::Lobe::CONNECTED`] by which it scatters.
     pub fn lobes(&self) -> ByConnectedLobe<bool> {
-        match self.medium() {
-            Some(_) => [false, false, true],
-            None => [self.weight != 0, self.surface().is_some_and(|parts| !parts.gloss.is_empty()), false],
+        if self.medium().is_some() {
+            return Lobe::CONNECTED.map(|lobe| lobe == Lobe::Volume);
         }
+        let closures = self.surface().map_or(&[][..], |parts| &parts.closures);
+        let has = |lobe| closures.iter().any(|closure| closure.connected_lobe() == Some(lobe));
+        Lobe::CONNECTED.map(|lobe| has(lobe) || (lobe == Lobe::Diffuse && self.weight != 0))
     }
 
     /// True if nothing scattered the path before: light here is direct.
@@ -269,14 +266,7 @@ impl PathVertex {
     pub(super) fn importance(&self) -> f32 {
         let mut sum = decode_rgb9e5(self.weight);
         if let Some(parts) = self.surface() {
-            if let Some(closures) = &parts.diffuse {
-                sum *= closures.iter().map(|closure| closure.weight).sum::<Vec3>();
-            }
-            let albedo = |gloss: &Gloss| {
-                let (reflected, _) = gloss.facets.albedo(gloss.facets.frame.normal().dot(parts.viewpoint.wo));
-                decode_rgb9e5(gloss.weight) * reflected
-            };
-            sum += parts.gloss.iter().map(albedo).sum::<Vec3>();
+            sum += parts.closures.iter().map(|closure| closure.albedo(parts.viewpoint.wo)).sum::<Vec3>();
         }
         if let Some(Scattering::Flight { media, length, .. }) = self.scattering() {
             sum *= media.scattered_within(*length);
@@ -286,12 +276,11 @@ impl PathVertex {
 
     /// The vertex with so many times its weight.
     pub(super) fn scaled(mut self, factor: f32) -> Self {
-        let scaled = |weight| packed(decode_rgb9e5(weight) * factor, self.position);
-        self.weight = scaled(self.weight);
+        self.weight = packed(decode_rgb9e5(self.weight) * factor, self.position);
         if let Some(rare) = self.rare.as_mut().map(Arc::make_mut)
             && let Scattering::Surface(parts) = &mut rare.scattering
         {
-            parts.gloss.iter_mut().for_each(|gloss| gloss.weight = scaled(gloss.weight));
+            parts.closures.iter_mut().for_each(|closure| closure.weight *= factor);
         }
         self
     }
@@ -339,47 +328,57 @@ impl PathVertex {
                 let weight = factors[2] * decode_rgb9e5(self.weight) * place.factor;
                 (weight * value, Ray::new(place.position, wi))
             }
-            None => (self.reflected(wi, factors), self.ray_above(wi)?),
+            None => (self.scattered(wi, factors), self.ray_towards(wi)?),
         };
         let is_some = scattered.max_element() > 0.0 && scattered.is_finite();
         let shadow = (RayKind::Shadow, self.catchers_only);
         is_some.then(|| (scattered, Ray { kind: shadow.0, catchers_only: shadow.1, ..ray.at(self.time) }))
     }
 
-    /// Light from the unit direction `wi` that a surface reflects, see [`Self::scatter`].
-    fn reflected(&self, wi: Vec3, factors: ByConnectedLobe<f32>) -> Vec3 {
-        let shading = decode_direction(self.shading);
-        let parts = self.surface();
-        let mut reflected = Vec3::ZERO;
-        if factors[0] != 0.0 {
-            let reflectance = match parts.and_then(|parts| Some((parts, parts.diffuse.as_ref()?))) {
-                None => {
-                    let normal = decode_direction(self.normal);
-                    Vec3::splat(lambert(self.bumps, shading, normal, wi))
-                }
-                Some((parts, closures)) => {
-                    closures.iter().map(|closure| parts.viewpoint.eval(closure, shading, wi)).sum()
-                }
-            };
-            reflected += factors[0] * decode_rgb9e5(self.weight) * reflectance;
+    /// Light from the unit direction `wi` that a surface scatters, see [`Self::scatter`].
+    fn scattered(&self, wi: Vec3, factors: ByConnectedLobe<f32>) -> Vec3 {
+        let sides = self.sides();
+        let mut scattered = Vec3::ZERO;
+        if self.weight != 0 && factors[0] != 0.0 && sides.reach(wi, false).is_some() {
+            let normal = decode_direction(self.normal);
+            scattered =
+                decode_rgb9e5(self.weight) * (factors[0] * lambert(self.bumps, sides.shading, normal, wi));
         }
-        if let Some(parts) = parts.filter(|_| factors[1] != 0.0) {
-            let of =
-                |gloss: &Gloss| decode_rgb9e5(gloss.weight) * parts.viewpoint.eval_facets(&gloss.facets, wi);
-            reflected += factors[1] * parts.gloss.iter().map(of).sum::<Vec3>();
+        let Some(parts) = self.surface() else { return scattered };
+        for closure in &parts.closures {
+            let factor =
+                if closure.connected_lobe() == Some(Lobe::Diffuse) { factors[0] } else { factors[1] };
+            if factor != 0.0 && closure.is_lit(sides, wi) {
+                let (value, _) = parts.viewpoint.eval(closure, sides.shading, wi);
+                scattered += closure.weight * value * factor;
+            }
         }
-        reflected
+        scattered
     }
 
-    /// A ray from above the surface in the unit direction `wi`; nothing where none can be reflected.
-    fn ray_above(&self, wi: Vec3) -> Option<Ray> {
-        let (geometric, shading) = (decode_direction(self.geometric), decode_direction(self.shading));
-        let reach = SideNormals { geometric, shading }.reach(wi, false)?;
-        let is_between = reach == SampleReach::Lights;
-        let lifted = self.surface().and_then(|parts| parts.between).filter(|_| is_between);
-        let side = if is_between { -geometric } else { geometric };
+    /// A ray from the surface in the unit direction `wi`; nothing where none is scattered.
+    fn ray_towards(&self, wi: Vec3) -> Option<Ray> {
+        let sides = self.sides();
+        let parts = self.surface();
+        let (side, lifted) = match sides.reach(wi, false) {
+            Some(SampleReach::Lights) => (-sides.geometric, parts.and_then(|parts| parts.between)),
+            Some(_) => (sides.geometric, None),
+            None if parts.is_some_and(|parts| parts.transmits) => (-sides.geometric, None),
+            None => return None,
+        };
         let origin = lifted.unwrap_or(self.position + side * self.offset);
         Some(Ray { from: lifted.is_none().then_some(self.primitive), ..Ray::new(origin, wi) })
+    }
+
+    /// The triangle that light from the unit direction `wi` comes through, if that is behind the surface, and whether the path came
+    /// from there.
+    pub(super) fn comes_through(&self, wi: Vec3) -> Option<((u32, u32), bool)> {
+        let parts = self.surface()?;
+        self.sides().reach(wi, false).is_none().then_some((self.primitive, parts.backfacing))
+    }
+
+    fn sides(&self) -> SideNormals {
+        SideNormals { geometric: decode_direction(self.geometric), shading: decode_direction(self.shading) }
     }
 
     /// The path's ray that met it, as far as its shadow rays tell shaders of it.

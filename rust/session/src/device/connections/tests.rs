@@ -1,11 +1,12 @@
 use super::*;
 use crate::test_box::{
-    bulbs, closed_box_around, closed_box_of, floor_in, fog, glossy, glossy_grey, grey, red, smoke,
+    bulbs, closed_box_around, closed_box_of, closed_box_with_strands, curtain, floor_in, fog, glossy,
+    glossy_grey, grey, hair, red, smoke,
 };
 use glam::Affine3A;
 use relume_dump::MemoryWriter;
 use relume_gather::SampleSplit;
-use relume_scene::{Instance, LightShape, ReceiverSet};
+use relume_scene::{HairModel, Instance, LightShape, ReceiverSet};
 use relume_trace::Control;
 
 #[test]
@@ -13,6 +14,39 @@ fn connected_light_has_the_mean_of_crossings_and_less_noise() {
     for nodes in [vec![grey()], glossy_grey(0.6), glossy(red(), 0.6), glossy(red(), 0.25)] {
         let noise = compare_with_crossings(closed_box_of((24, 24), nodes).unwrap(), 1024, &lights_in_box());
         assert!(noise.iter().all(|noise| *noise < 0.3), "{noise:?}");
+    }
+}
+
+#[test]
+fn connected_light_of_translucent_surfaces_has_the_mean_of_crossings_on_both_sides() {
+    let behind = |x: f32, radius| LightShape::Sphere { center: Vec3::new(x, 0.2, -1.4), radius };
+    let lights: Vec<Light> = lights_in_box()
+        .into_iter()
+        .chain([Light::unit(behind(0.2, 0.05)), Light::unit(behind(-0.3, 0.3))])
+        .collect();
+    let noise = compare_with_crossings(closed_box_of((24, 24), curtain()).unwrap(), 1024, &lights);
+    assert!(noise.iter().all(|noise| *noise < 0.3), "{noise:?}");
+}
+
+#[test]
+fn connected_light_of_media_behind_translucent_surfaces_has_the_mean_of_crossings() {
+    // Walls are the hull of fog that fills the box, so that light from outside crosses into it.
+    let mut scene = closed_box_of((24, 24), curtain()).unwrap();
+    let nodes = &mut scene.materials[0].nodes;
+    let first = nodes.len() as u32;
+    nodes.extend(fog(0.5));
+    scene.materials[0].volume = Some(first);
+    let behind = LightShape::Sphere { center: Vec3::new(0.2, 0.2, -1.4), radius: 0.1 };
+    compare_with_crossings(scene, 1024, &[Light::unit(behind), bulbs(1).remove(0)]);
+}
+
+#[test]
+fn connected_light_of_hair_has_the_mean_of_crossings_and_less_noise() {
+    for model in [HairModel::Chiang, HairModel::Huang] {
+        let scene = closed_box_with_strands((24, 24), hair(model)).unwrap();
+        let noise = compare_with_crossings(scene, 1024, &lights_in_box());
+        // Edges of strands count as noise, too.
+        assert!(noise.iter().all(|noise| *noise < 0.8), "{noise:?}");
     }
 }
 

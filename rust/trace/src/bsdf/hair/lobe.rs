@@ -54,6 +54,14 @@ impl HairLobe {
         (bound(-FRAC_PI_2), bound(FRAC_PI_2))
     }
 
+    /// Class that lights are collected under.
+    pub fn light_lobe(&self) -> Lobe {
+        match self.side {
+            HairSide::Reflection => Lobe::Glossy,
+            HairSide::Transmission => Lobe::Transmission,
+        }
+    }
+
     /// See [`super::Hair::eval`].
     pub fn eval(&self, wi: Vec3) -> HairResponse {
         if self.is_lit(wi) { self.response(wi) } else { HairResponse::default() }

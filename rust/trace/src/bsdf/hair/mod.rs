@@ -81,12 +81,6 @@ impl HairResponse {
         self.glossy_pdf + self.transmitted_pdf
     }
 
-    /// Share of the value that is transmitted.
-    pub fn transmitted_share(&self) -> f32 {
-        let transmitted = self.transmitted.element_sum();
-        if transmitted > 0.0 { transmitted / (transmitted + self.glossy.element_sum()) } else { 0.0 }
-    }
-
     /// Class of a sample in this direction, chosen by a number in 0..1.
     pub fn lobe(&self, u: f32) -> Lobe {
         if u * self.pdf() < self.glossy_pdf { Lobe::Glossy } else { Lobe::Transmission }
