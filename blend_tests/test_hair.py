@@ -8,7 +8,7 @@ import relume
 from addon.engine.reading.scene import load_scene
 from addon.export import trace_settings
 from cards import node
-from helpers import add_light, add_material, render_cycles
+from helpers import add_light, add_material, add_quad, render_cycles
 from strands import add_cloud, add_strands, meadow
 
 PIXELS = 24
@@ -127,6 +127,31 @@ def test_tufts_of_chiang_are_as_bright_as_in_cycles(scene, tmp_path):
     tuft(scene, hair_material("Blond", inputs=clear, model="CHIANG", parametrization="ABSORPTION"), 1.0)
     look(scene)
     assert_thirds_are_alike(scene, tmp_path, [sun(scene), sun_behind(scene), lamp_beside(scene)])
+
+
+@pytest.mark.oldest_and_newest
+def test_ray_visibility_of_lights_on_hair_and_leaves_is_that_of_cycles(scene, tmp_path):
+    tuft(scene, hair_material("Blond", inputs={"Melanin": 0.05}, model="CHIANG", parametrization="MELANIN"), -1.0)
+    for name, x in (("ShaderNodeBsdfTranslucent", 0.0), ("ShaderNodeBsdfDiffuse", 1.0)):
+        leaf = add_quad(scene, name, size=0.6, material=hair_material(name, name))
+        leaf.location, leaf.rotation_euler = (x, 0.0, 0.1), (0.4, 0.3, 0.0)
+    look(scene, bounces=0)
+    found = []
+    for flag in ("visible_diffuse", "visible_glossy", "visible_transmission"):
+        for place in ((0.5, 0.3, 1.5), (0.0, 0.4, -1.0)):
+            lamp = small_lamp(scene)
+            lamp.location = place
+            setattr(lamp, flag, False)
+            read = load_scene(scene)
+            folder = tmp_path / f"{flag} {place}"
+            relume.bake(read, folder, trace_settings(scene, lambda _: None) | {"samples": 512}).wait()
+            ours = relume.Relighter(folder).relight(read.lights(), denoise=False)["combined"]
+            found.append((thirds(np.array(ours)[::-1]), thirds(render_cycles(scene, samples=64))))
+            bpy.data.objects.remove(lamp)
+    ours, cycles = np.array(found).reshape(3, 2, 2, 3, 3).mean(axis=-1).transpose(2, 0, 1, 3)
+    lit = cycles.max(axis=0)
+    assert (lit > 5e-4).sum() == 4  # The leaves have light from one side each.
+    assert (np.abs(ours - cycles) <= 0.25 * lit + 1e-4).all(), (ours.round(4).tolist(), cycles.round(4).tolist())
 
 
 @HAS_HUANG
