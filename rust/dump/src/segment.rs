@@ -1,21 +1,21 @@
 use glam::Vec3;
 
-/// The lobe that made a segment, as Cycles labels rays but for its two kinds of gloss. Decides per-light factors and camera
-/// visibility.
+/// The lobe that made a segment, as Cycles parts closures where it samples lights, but for its two kinds of gloss. Decides
+/// per-light factors and camera visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Lobe {
     /// A camera ray, also where it continues through transparent surfaces.
     Camera = 0,
-    /// Diffuse reflection.
+    /// Diffuse scattering, to either side of a surface.
     Diffuse = 1,
     /// Glossy reflection, singular included, but for [`Self::RoughGlossy`].
     Glossy = 2,
-    /// Transmission, diffuse or not; not transparency, which keeps the lobe of the ray that meets it.
+    /// Refraction; not transparency, which keeps the lobe of the ray that meets it.
     Transmission = 3,
     /// Volume scattering.
     Volume = 4,
-    /// Glossy reflection so wide that lights are connected to its vertices.
+    /// Glossy reflection so wide that lights are connected to its vertices, and Principled Hair.
     RoughGlossy = 5,
 }
 

@@ -18,17 +18,17 @@ use crate::light::PreparedLight;
 pub enum LobePart {
     /// The light itself, as the camera sees it.
     Emission,
-    /// Diffuse reflection of the light.
+    /// Diffuse reflection of the light, and what comes through translucent surfaces.
     DiffuseDirect,
-    /// Diffuse reflection of what it lights.
+    /// The same of what it lights.
     DiffuseIndirect,
-    /// Glossy reflection of the light.
+    /// Glossy reflection of the light, and what Principled Hair scatters of it.
     GlossyDirect,
-    /// Glossy reflection of what it lights.
+    /// The same of what it lights.
     GlossyIndirect,
-    /// The light through glass and other surfaces that scatter to their other side, translucent ones included.
+    /// The light through glass.
     TransmissionDirect,
-    /// Light of lit surfaces through such surfaces.
+    /// The same of what it lights.
     TransmissionIndirect,
     /// The light, scattered in a volume.
     VolumeDirect,
