@@ -7,7 +7,7 @@ import numpy as np
 
 from blend_tests.vdb_file import write_vdb
 
-from . import stage
+from . import hair, stage
 
 
 def fog_box(scene):
@@ -55,6 +55,12 @@ def world_fog_with_glass(scene):
     _fill_world(scene, Color=(0.9, 0.9, 0.9, 1.0), Density=0.06, Anisotropy=0.3)
     glass = stage.hunt.plain_material("Glass", "ShaderNodeBsdfGlass", Roughness=0.2)
     stage.add_ball(scene, "Ball", 0.6, glass)
+
+
+def hair_in_fog(scene):
+    """A tuft of hair in fog."""
+    _fill_world(scene, Color=(0.9, 0.9, 0.9, 1.0), Density=0.08)
+    hair.tuft_chiang(scene)
 
 
 def absorbing_liquid(scene):
@@ -231,6 +237,7 @@ SCENES = {
         world_fog,
         world_fog_and_box,
         world_fog_with_glass,
+        hair_in_fog,
         absorbing_liquid,
         tinted_fog,
         milky_liquid,
