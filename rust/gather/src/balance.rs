@@ -13,10 +13,9 @@ use relume_dump::{ByConnectedLobe, Flags, Lobe};
 
 use crate::light::{Plane, PreparedLight, Profile};
 
-/// Density of the directions in which light is scattered by [`Lobe::CONNECTED`], per steradian: the mean of diffuse ones, and that of
-/// even scattering in media. Rough gloss has more, but the same share: a path goes by one closure of a surface and counts the light of
-/// all, so that only equal shares leave the colour of their sum as it is.
-const DENSITIES: ByConnectedLobe<f32> = [0.5 * FRAC_1_PI, 0.5 * FRAC_1_PI, 0.25 * FRAC_1_PI];
+/// Density of the directions in which light is scattered by [`Lobe::CONNECTED`], per steradian: the mean of diffuse ones; of rough
+/// gloss that about the mirrored direction; of media that of even scattering.
+const DENSITIES: ByConnectedLobe<f32> = [0.5 * FRAC_1_PI, 2.0, 0.25 * FRAC_1_PI];
 
 /// Numbers of paths per pixel by which lights are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
