@@ -13,7 +13,7 @@ use relume_dump::{AovSample, ByConnectedLobe, Pass, Segment};
 use relume_scene::ReceiverSet;
 
 pub use self::equiangular::LightCenter;
-pub(crate) use self::vertex::{EvenFlight, PathAtVertex};
+pub(crate) use self::vertex::{HomogeneousFlight, PathAtVertex};
 pub use self::vertex::{PathVertex, VertexPlace};
 use crate::{
     bsdf::Surface,

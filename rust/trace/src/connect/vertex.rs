@@ -77,7 +77,7 @@ enum Scattering {
     Medium {
         medium: Arc<MediumSample>,
         travel: Vec3,
-        flight: Option<EvenFlight>,
+        flight: Option<HomogeneousFlight>,
     },
     /// A flight through homogeneous media, in a unit direction.
     Flight {
@@ -89,7 +89,7 @@ enum Scattering {
 
 /// A flight through homogeneous media that ended at a collision.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct EvenFlight {
+pub(crate) struct HomogeneousFlight {
     /// Distance to the collision, metres.
     pub distance: f32,
     /// Length up to what stands there, infinite where nothing does.
@@ -171,7 +171,7 @@ impl PathVertex {
     pub(crate) fn in_medium(
         arrival: &PathAtVertex<'_>,
         (position, time): (Vec3, f32),
-        (travel, medium, flight): (Vec3, Arc<MediumSample>, Option<EvenFlight>),
+        (travel, medium, flight): (Vec3, Arc<MediumSample>, Option<HomogeneousFlight>),
     ) -> Self {
         let scattering = Scattering::Medium { medium, travel, flight };
         Self { weight: packed(arrival.weight, position), ..Self::at(position, time, arrival, scattering) }
@@ -295,7 +295,11 @@ impl PathVertex {
             return (!is_flight).then_some(here);
         };
         match self.scattering() {
-            Some(Scattering::Medium { medium, travel, flight: Some(EvenFlight { distance, length }) }) => {
+            Some(Scattering::Medium {
+                medium,
+                travel,
+                flight: Some(HomogeneousFlight { distance, length }),
+            }) => {
                 let start = self.position - *distance * *travel;
                 let lit = Equiangular::new(start, *travel, *length, center).density(*distance);
                 let collided = medium.collision_density(*distance);

@@ -9,7 +9,7 @@ use super::{Integrator, Walk, travel::Route};
 use crate::{
     bsdf::Surface,
     bvh::Ray,
-    connect::{EvenFlight, PathAtVertex, PathVertex},
+    connect::{HomogeneousFlight, PathAtVertex, PathVertex},
     media::{Media, MediumSample},
     path::PathState,
     shading::SurfacePoint,
@@ -39,10 +39,11 @@ impl Integrator<'_> {
         let (media, route) = (self.media.as_ref()?, walk.route.as_ref()?);
         let arrival = self.arrival_of(&walk.path, Some(route), media.receiver(&route.stack))?;
         let Ray { origin, direction, time, .. } = walk.ray;
-        let even = media.even(&route.stack);
-        let flight =
-            even.is_some().then(|| EvenFlight { distance: origin.distance(position), length: route.flight });
-        let medium = even.unwrap_or_else(|| Arc::new(medium.clone()));
+        let homogeneous = media.homogeneous(&route.stack);
+        let flight = homogeneous
+            .is_some()
+            .then(|| HomogeneousFlight { distance: origin.distance(position), length: route.flight });
+        let medium = homogeneous.unwrap_or_else(|| Arc::new(medium.clone()));
         Some(PathVertex::in_medium(&arrival, (position, time), (direction, medium, flight)))
     }
 
@@ -52,10 +53,11 @@ impl Integrator<'_> {
             return None;
         }
         let route = walk.route.as_ref()?;
-        let even = media.even(&route.stack).filter(|even| even.scattering != Vec3::ZERO)?;
+        let homogeneous =
+            media.homogeneous(&route.stack).filter(|homogeneous| homogeneous.scattering != Vec3::ZERO)?;
         let arrival = self.arrival_of(&walk.path, Some(route), media.receiver(&route.stack))?;
         let Ray { origin, direction, time, .. } = walk.ray;
-        Some(PathVertex::on_flight(&arrival, (origin, time), (direction, even, route.flight)))
+        Some(PathVertex::on_flight(&arrival, (origin, time), (direction, homogeneous, route.flight)))
     }
 
     /// State in which a path comes to a vertex; nothing if lights do not count there.

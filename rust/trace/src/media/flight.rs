@@ -80,31 +80,31 @@ struct Tracker<'a> {
     flight: Flight<'a>,
     rays: [GridRay; DEEPEST],
     /// Extinction of the media that do not vary, their largest channel.
-    even: f32,
+    homogeneous: f32,
     distance: f32,
 }
 
 impl<'a> Tracker<'a> {
     /// `even` is a bound for the media that do not vary.
-    fn new(flight: Flight<'a>, even: f32) -> Self {
+    fn new(flight: Flight<'a>, homogeneous: f32) -> Self {
         let mut rays = [GridRay::default(); DEEPEST];
         let media = flight.stack.media().iter().zip(&mut rays);
         for (medium, ray) in media {
             let medium = &flight.space.media.media[*medium as usize];
-            if medium.even.is_none() {
+            if medium.homogeneous.is_none() {
                 *ray = flight.space.majorant_ray(medium, flight.origin, flight.direction);
             }
         }
-        Self { flight, rays, even, distance: 0.0 }
+        Self { flight, rays, homogeneous, distance: 0.0 }
     }
 
     /// Bound of the extinction from here, and up to where it holds.
     fn span(&self) -> (f32, f32) {
         let Flight { space, stack, length, .. } = self.flight;
-        let (mut majorant, mut exit) = (self.even, length);
+        let (mut majorant, mut exit) = (self.homogeneous, length);
         for (medium, ray) in stack.media().iter().zip(&self.rays) {
             let medium = &space.media.media[*medium as usize];
-            if medium.even.is_none() {
+            if medium.homogeneous.is_none() {
                 let (bound, end) = space.majorants(medium).span(ray, self.distance);
                 majorant += bound;
                 exit = exit.min(end);
@@ -168,7 +168,7 @@ impl Flight<'_> {
                 Landing::Through
             }
         } else {
-            let mut tracker = Tracker::new(*self, self.even_extinction().max_element());
+            let mut tracker = Tracker::new(*self, self.homogeneous_extinction().max_element());
             let mut events = 0;
             loop {
                 let Some(majorant) = tracker.advance(numbers) else { break Landing::Through };
@@ -200,13 +200,13 @@ impl Flight<'_> {
 
     /// True if nothing varies along the way.
     fn is_even(&self) -> bool {
-        self.stack.media().iter().all(|medium| self.space.media.media[*medium as usize].even.is_some())
+        self.stack.media().iter().all(|medium| self.space.media.media[*medium as usize].homogeneous.is_some())
     }
 
     /// Extinction of the media that do not vary.
-    fn even_extinction(&self) -> Vec3 {
+    fn homogeneous_extinction(&self) -> Vec3 {
         let media = self.stack.media().iter().map(|medium| &self.space.media.media[*medium as usize]);
-        media.filter_map(|medium| medium.even.as_ref()).map(|even| even.extinction).sum()
+        media.filter_map(|medium| medium.homogeneous.as_ref()).map(|homogeneous| homogeneous.extinction).sum()
     }
 
     /// What glows along the first `length` metres, looked at in one place that stands for all. Of a glow without end that
@@ -224,8 +224,8 @@ impl Flight<'_> {
 
     /// Share of light that gets through, by ratio tracking where media vary (Novák et al. 2014).
     pub fn transmittance(&self, numbers: &mut TrackingNumbers, scratch: &mut MediaScratch) -> Vec3 {
-        let even = self.even_extinction();
-        let depth = Vec3::select(even.cmpgt(Vec3::ZERO), even * self.length, Vec3::ZERO);
+        let homogeneous = self.homogeneous_extinction();
+        let depth = Vec3::select(homogeneous.cmpgt(Vec3::ZERO), homogeneous * self.length, Vec3::ZERO);
         let mut through = (-depth).exp();
         if self.is_even() {
             return through;
@@ -237,7 +237,7 @@ impl Flight<'_> {
             scratch.other.clear();
             for medium in self.stack.media() {
                 let medium = &self.space.media.media[*medium as usize];
-                if medium.even.is_none() {
+                if medium.homogeneous.is_none() {
                     let (values, sample) = (&mut scratch.values, &mut scratch.other);
                     self.space.add_medium(medium, position, self.direction, values, sample);
                 }

@@ -72,7 +72,7 @@ struct Medium {
     /// True if it differs from ray to ray.
     asks_light_path: bool,
     /// The medium at each point of it for all rays; nothing if it varies.
-    even: Option<Arc<MediumSample>>,
+    homogeneous: Option<Arc<MediumSample>>,
     /// Bounds of its extinction, where it varies. They are made when a ray is first in it.
     majorants: OnceLock<MajorantGrid>,
 }
@@ -141,7 +141,7 @@ impl Media {
             found.recorded = Some(Bounds::of_scene(scene, lights));
         }
         // Not when a ray is first in it: they are found in parallel, and who waits may be needed for that.
-        for medium in found.media.iter().filter(|medium| medium.even.is_none()) {
+        for medium in found.media.iter().filter(|medium| medium.homogeneous.is_none()) {
             let space = MediaSpace { scene, materials, media: &found, time: STILL, ray: RayInfo::default() };
             if let Some(bounds) = grid_majorants::of_grids(&space, medium) {
                 medium.majorants.get_or_init(|| bounds);
@@ -164,7 +164,7 @@ impl Media {
             let has_field = |name| materials.field(scene, (instance, STILL), name, Vec3::ZERO).is_some();
             let varies = graph.medium_varies() || graph.medium_fields().into_iter().any(has_field);
             let asks_light_path = graph.medium_asks_light_path();
-            let even = (!varies && !asks_light_path).then(|| {
+            let homogeneous = (!varies && !asks_light_path).then(|| {
                 let mut sample = MediumSample::default();
                 let ray = RayInfo::default();
                 let point = MediumPoint { position: Vec3::ZERO, wo: Vec3::Z, instance, time: STILL, ray };
@@ -178,7 +178,7 @@ impl Media {
                 glows: graph.medium_glows(),
                 varies,
                 asks_light_path,
-                even,
+                homogeneous,
                 majorants: OnceLock::new(),
             });
             self.media.len() as u32 - 1
@@ -186,8 +186,8 @@ impl Media {
     }
 
     /// The media of a stack together, if there are any and each is homogeneous.
-    pub fn even(&self, stack: &VolumeStack) -> Option<Arc<MediumSample>> {
-        let mut media = stack.media().iter().map(|medium| self.media[*medium as usize].even.as_ref());
+    pub fn homogeneous(&self, stack: &VolumeStack) -> Option<Arc<MediumSample>> {
+        let mut media = stack.media().iter().map(|medium| self.media[*medium as usize].homogeneous.as_ref());
         let mut sum = Arc::clone(media.next()??);
         for medium in media {
             Arc::make_mut(&mut sum).add(medium?);
@@ -272,8 +272,8 @@ impl MediaSpace<'_> {
         values: &mut Vec<Vec4>,
         sample: &mut MediumSample,
     ) {
-        match &medium.even {
-            Some(even) => sample.add(even),
+        match &medium.homogeneous {
+            Some(homogeneous) => sample.add(homogeneous),
             None => {
                 let (instance, time, ray) = (medium.instance, self.time, self.ray);
                 let point = MediumPoint { position, wo: -direction, instance, time, ray };
