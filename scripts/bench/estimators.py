@@ -21,8 +21,8 @@ TEXT = """# Quality of a light's picture
 
 Made by `scripts/bench/estimators.py` from `quality.json`. A sphere stands at random on a segment of the paths. Its
 radius is a share of half the diagonal of what the paths reach. *Crossings* count the segments that meet the light.
-*Connection* sends shadow rays from diffuse, rough and scattering vertices of the same paths, and counts crossings for
-all else. Close to large lights both count, each by its share (`rust/gather/src/balance.rs`).
+*Connection* sends shadow rays from vertices of the same paths, and counts crossings for smooth surfaces and glass.
+Close to large lights both count, each by its share (`rust/gather/src/balance.rs`).
 
 The reference is the mean of two bakes of {reference} paths in all, guided towards the light, connected and denoised.
 Its own PSNR is that of one half against the other; a PSNR near it says no more than that. Figures are means over

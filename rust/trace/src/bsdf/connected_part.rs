@@ -9,7 +9,9 @@ use super::{Closure, Scatter, Surface};
 /// Closures of a surface that lights are connected to.
 #[derive(Clone, Debug)]
 pub(crate) struct ConnectedPart {
+    /// Sum of the diffuse closures of Lambert's law about the first one's normal.
     pub lambert: Option<Lambert>,
+    /// All others.
     pub others: Box<[Closure]>,
 }
 
