@@ -58,6 +58,34 @@ impl Classes {
         ];
         let (lobe, value) = classes.into_iter().find(is_chosen).unwrap_or((Lobe::Diffuse, self.diffuse));
         let tint = value / sum * (sum.element_sum() / value.element_sum());
-        LightClass { lobe, tint: Vec3::select(sum.cmpgt(Vec3::ZERO), tint, Vec3::ONE) }
+        // Channels without light, and values so small that they are rounded to none, have no quotient.
+        LightClass { lobe, tint: Vec3::select(tint.is_finite_mask(), tint, Vec3::ONE) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn classes_have_the_mean_of_their_values_however_small() {
+        let red = Vec3::new(0.9, 0.3, 0.0);
+        for scale in [1.0, 1e-30, 1e-44] {
+            let mut classes = Classes::default();
+            classes.add(red * scale, Lobe::Diffuse);
+            classes.add(Vec3::splat(0.2 * scale), Lobe::RoughGlossy);
+            let count = 1 << 12;
+            let mut means = [Vec3::ZERO; 2];
+            for i in 0..count {
+                let LightClass { lobe, tint } = classes.choose((i as f32 + 0.5) / (count * 4096) as f32);
+                assert!(tint.is_finite() && tint.max_element() <= 10.0, "{tint}");
+                means[usize::from(lobe == Lobe::RoughGlossy)] += tint / count as f32;
+            }
+            if scale > 1e-40 {
+                let expected = red / (red + 0.2);
+                assert!((means[0] - expected).abs().max_element() < 1e-3, "{} for {expected}", means[0]);
+                assert!((means[0] + means[1] - 1.0).abs().max_element() < 1e-3, "{means:?}");
+            }
+        }
     }
 }
