@@ -35,8 +35,7 @@ already, on {cores} shared cores.{loaded}
 
 Made by `scripts/bench/proxies.py`. *Crossings* are the denoised sum of the bake that the proxy learned from, of {paths}
 paths. The reference is of {proxy_reference} paths, connected and denoised. Seconds of training are those of each
-thread's processor. Means are over unseen lights of all sizes that were learned. More training gains little: the size
-of the network is the limit.
+thread's processor. Means are over unseen lights of all sizes that were learned.
 
 {proxies}
 """

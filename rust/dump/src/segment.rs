@@ -11,7 +11,7 @@ pub enum Lobe {
     Diffuse = 1,
     /// Glossy reflection, singular included, but for [`Self::RoughGlossy`].
     Glossy = 2,
-    /// Refraction; not transparency, which keeps the lobe of the ray that meets it.
+    /// Refraction and transmission of the Hair BSDF; not transparency, which keeps the lobe of the ray that meets it.
     Transmission = 3,
     /// Volume scattering.
     Volume = 4,

@@ -20,15 +20,15 @@ pub enum LobePart {
     Emission,
     /// Diffuse reflection of the light, and what comes through translucent surfaces.
     DiffuseDirect,
-    /// The same of what it lights.
+    /// Diffuse reflection of what the light lights, and what comes through translucent surfaces.
     DiffuseIndirect,
     /// Glossy reflection of the light, and what Principled Hair scatters of it.
     GlossyDirect,
-    /// The same of what it lights.
+    /// Glossy reflection of what the light lights, and what Principled Hair scatters of it.
     GlossyIndirect,
     /// The light through glass.
     TransmissionDirect,
-    /// The same of what it lights.
+    /// Light of lit surfaces through glass.
     TransmissionIndirect,
     /// The light, scattered in a volume.
     VolumeDirect,

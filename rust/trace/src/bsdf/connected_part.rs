@@ -48,7 +48,7 @@ impl Surface {
         let connected = || self.closures.iter().filter(|closure| closure.connected_lobe().is_some());
         connected().next()?;
         let is_lambert = |closure: &&Closure| {
-            matches!(closure.scatter, Scatter::Diffuse) && self.viewpoint().terminator.is_at_horizon()
+            matches!(closure.scatter, Scatter::Diffuse) && self.terminator.is_at_horizon()
         };
         let first = connected().find(is_lambert).map(|closure| (closure.normal, closure.bumps));
         let is_summed = |closure: &&Closure| {

@@ -85,7 +85,7 @@ struct Tracker<'a> {
 }
 
 impl<'a> Tracker<'a> {
-    /// `even` is a bound for the media that do not vary.
+    /// `homogeneous` is a bound for the media that do not vary.
     fn new(flight: Flight<'a>, homogeneous: f32) -> Self {
         let mut rays = [GridRay::default(); DEEPEST];
         let media = flight.stack.media().iter().zip(&mut rays);
@@ -150,7 +150,7 @@ impl Flight<'_> {
         let collide = |sample: &MediumSample, majorant: f32, distance: f32, numbers: &mut TrackingNumbers| {
             collision(sample, majorant, distance, throughput, scatters, numbers)
         };
-        let landing = if self.is_even() {
+        let landing = if self.is_homogeneous() {
             self.space.fill(
                 self.stack,
                 self.origin,
@@ -199,7 +199,7 @@ impl Flight<'_> {
     }
 
     /// True if nothing varies along the way.
-    fn is_even(&self) -> bool {
+    fn is_homogeneous(&self) -> bool {
         self.stack.media().iter().all(|medium| self.space.media.media[*medium as usize].homogeneous.is_some())
     }
 
@@ -216,7 +216,7 @@ impl Flight<'_> {
         if !self.stack.media().iter().any(glows) || !length.is_finite() {
             return Vec3::ZERO;
         }
-        let place = if self.is_even() { 0.0 } else { length * numbers.next() };
+        let place = if self.is_homogeneous() { 0.0 } else { length * numbers.next() };
         let position = self.origin + self.direction * place;
         self.space.fill(self.stack, position, self.direction, &mut scratch.values, &mut scratch.other);
         scratch.other.emission * length
@@ -227,7 +227,7 @@ impl Flight<'_> {
         let homogeneous = self.homogeneous_extinction();
         let depth = Vec3::select(homogeneous.cmpgt(Vec3::ZERO), homogeneous * self.length, Vec3::ZERO);
         let mut through = (-depth).exp();
-        if self.is_even() {
+        if self.is_homogeneous() {
             return through;
         }
         let mut tracker = Tracker::new(*self, 0.0);
