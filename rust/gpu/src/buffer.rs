@@ -5,6 +5,7 @@ use std::sync::Arc;
 use bytemuck::{NoUninit, Pod};
 
 use crate::memory::Memory;
+use crate::staging::STEP;
 use crate::{Gpu, GpuError, Submission};
 
 /// Values on the GPU, for kernels to read and write. Its bytes count against the memory budget until it is dropped.
@@ -85,7 +86,8 @@ impl Gpu {
         }
     }
 
-    /// A buffer of the driver; `free` says how many MiB of the budget are left, for its error.
+    /// A buffer of the driver, for which buffers that no copy is using give way; `free` says how many MiB of the budget are left,
+    /// for its error.
     fn allocate(
         &self,
         label: &str,
@@ -99,6 +101,7 @@ impl Gpu {
         let raw = self.device.create_buffer(&descriptor);
         match pollster::block_on(scope.pop()) {
             None => self.check().map(|()| raw),
+            Some(_) if self.staging().clear() => self.allocate(label, bytes, usage, free),
             Some(_) => {
                 let needed = bytes.div_ceil(1 << 20);
                 Err(GpuError::OutOfMemory { what: label.to_owned(), needed, free })
@@ -145,29 +148,66 @@ impl Gpu {
     /// # Panics
     /// If the range does not lie in the buffer, or is not whole multiples of four bytes.
     pub fn read<T: Pod>(&self, buffer: &Buffer<T>, range: Range<usize>) -> Result<Vec<T>, GpuError> {
+        self.read_bytes(buffer, range, bytemuck::pod_collect_to_vec)
+    }
+
+    /// [`Gpu::read`] of the values from `first` on, as many as are replaced by them. Memory that was used before spares what first
+    /// touching a new vector costs.
+    ///
+    /// # Errors
+    /// See [`Gpu::read`]; the values are as before then.
+    ///
+    /// # Panics
+    /// See [`Gpu::read`].
+    pub fn read_into<T: Pod>(
+        &self,
+        buffer: &Buffer<T>,
+        first: usize,
+        values: &mut [T],
+    ) -> Result<(), GpuError> {
+        let range = first..first + values.len();
+        self.read_bytes(buffer, range, |bytes| bytemuck::cast_slice_mut(values).copy_from_slice(bytes))
+    }
+
+    /// Lends the bytes of some values, once they are on the CPU.
+    fn read_bytes<T, R>(
+        &self,
+        buffer: &Buffer<T>,
+        range: Range<usize>,
+        take: impl FnOnce(&[u8]) -> R,
+    ) -> Result<R, GpuError> {
         assert!(range.start <= range.end && range.end <= buffer.len, "{range:?} of {} values", buffer.len);
         if range.is_empty() {
-            return Ok(Vec::new());
+            return Ok(take(&[]));
         }
         self.check()?;
         let size = size_of::<T>() as u64;
         let (start, bytes) = (range.start as u64 * size, range.len() as u64 * size);
-        // Memory of the CPU, where the budget does not count.
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let staging = self.allocate("read back", bytes, usage, self.free_memory() >> 20)?;
+        let staging = match self.staging().take(bytes) {
+            Some(kept) => kept,
+            None => {
+                let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+                let rounded = bytes.next_multiple_of(STEP).min(self.limits().buffer);
+                self.allocate("read back", rounded, usage, self.free_memory() >> 20)?
+            }
+        };
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(&buffer.raw, start, &staging, 0, bytes);
         self.queue.submit([encoder.finish()]);
         let (sender, receiver) = std::sync::mpsc::channel();
-        staging.map_async(wgpu::MapMode::Read, .., move |result| {
+        staging.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
             // The receiver waits below; if it has gone, nobody wants the answer.
             let _ = sender.send(result);
         });
         self.wait()?;
         let mapped = receiver.recv().map_err(|error| self.found_lost(&error))?;
         mapped.map_err(|error| self.found_lost(&error))?;
-        let mapped = staging.get_mapped_range(..).map_err(|error| self.found_lost(&error))?;
+        let mapped = staging.get_mapped_range(..bytes).map_err(|error| self.found_lost(&error))?;
         self.count_read(bytes);
-        Ok(bytemuck::pod_collect_to_vec(&mapped))
+        let taken = take(&mapped);
+        drop(mapped);
+        staging.unmap();
+        self.staging().put(staging);
+        Ok(taken)
     }
 }

@@ -1,4 +1,5 @@
 use std::ops::Range;
+use std::time::Instant;
 
 use crate::kernel::arguments;
 use crate::{Bound, Buffer, Gpu, GpuError, Timer};
@@ -122,6 +123,7 @@ impl Commands<'_> {
     pub fn submit_tracked(mut self) -> Result<Submission, GpuError> {
         self.pass = None;
         let submission = self.gpu.queue.submit([self.encoder.finish()]);
+        self.gpu.staging().trim(Instant::now());
         self.gpu.check().map(|()| Submission(submission))
     }
 }

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use crate::choice::choose;
 use crate::kernel::{Checks, Compiled};
 use crate::memory::Memory;
+use crate::staging::Staging;
 use crate::{AdapterSummary, GpuChoice, GpuError, matrices};
 
 /// Bytes of arguments that a dispatch may carry ([`crate::Commands::run`]); every back end has them.
@@ -25,6 +26,7 @@ pub struct Gpu {
     limits: DeviceLimits,
     features: wgpu::Features,
     memory: Arc<Memory>,
+    staging: Staging,
     bytes_read: AtomicU64,
     errors: Arc<Mutex<DeviceErrors>>,
     checks: Checks,
@@ -152,7 +154,7 @@ impl Gpu {
         watch(&device, &errors);
         let memory = Arc::new(Memory::new(adapter));
         let limits = limits(adapter, features);
-        let (compiled, bytes_read, matrix_subgroup) = Default::default();
+        let (compiled, staging, bytes_read, matrix_subgroup) = Default::default();
         let summary = AdapterSummary::new(&info);
         let adapter = adapter.clone();
         Ok(Arc::new(Self {
@@ -163,6 +165,7 @@ impl Gpu {
             limits,
             features,
             memory,
+            staging,
             bytes_read,
             errors,
             checks,
@@ -191,6 +194,10 @@ impl Gpu {
 
     pub(crate) fn memory(&self) -> &Arc<Memory> {
         &self.memory
+    }
+
+    pub(crate) fn staging(&self) -> &Staging {
+        &self.staging
     }
 
     /// Bytes that our buffers may still take.

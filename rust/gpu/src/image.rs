@@ -107,19 +107,24 @@ impl GpuImage {
         commands.submit()
     }
 
-    /// The sum of images of one size and device, each times its weight, on the CPU: of their size if `scale` is 1, or of half of it
-    /// if that is 2, by means of two by two pixels without an odd last column or row.
+    /// Copies to the CPU the sum of images of one size and device, each times its weight: of their size if `scale` is 1, or of half
+    /// of it if that is 2, by means of two by two pixels without an odd last column or row.
     ///
     /// # Errors
     /// See [`Gpu::zeros`] and [`Gpu::read`].
     ///
     /// # Panics
-    /// If there are none, or their sizes differ.
-    pub fn weighted_sum(images: &[(&Self, [f32; 3])], scale: usize) -> Result<Vec<f32>, GpuError> {
+    /// If there are none, their sizes differ, or there is no place for just as many values.
+    pub fn weighted_sum(
+        images: &[(&Self, [f32; 3])],
+        scale: usize,
+        values: &mut [f32],
+    ) -> Result<(), GpuError> {
         let Self { gpu, width: row, height: rows, .. } = images[0].0;
         let weights: Vec<[f32; 4]> = images.iter().map(|(_, [r, g, b])| [*r, *g, *b, 0.0]).collect();
         let weights = gpu.buffer_of("weights", &weights)?;
         let sum = Self::black(gpu, row / scale, rows / scale)?;
+        assert_eq!(values.len(), sum.values.len(), "values of the sum");
         let kernel = gpu.kernel("common/sum", "add_images", &[])?;
         let mut commands = gpu.commands("weighted sum");
         for (number, images) in images.chunks(IMAGES).enumerate() {
@@ -143,7 +148,7 @@ impl GpuImage {
             commands.run(&kernel.bind(&bindings)?, groups, bytemuck::bytes_of(&arguments));
         }
         commands.submit()?;
-        sum.read()
+        gpu.read_into(&sum.values, 0, values)
     }
 }
 
@@ -181,9 +186,9 @@ mod tests {
                 let layers: Vec<_> = images.iter().zip((0..count).map(weight)).collect();
                 for scale in [1, 2] {
                     let before = gpu.bytes_read();
-                    let found = GpuImage::weighted_sum(&layers, scale).unwrap();
                     let (wide, high) = (width / scale, height / scale);
-                    assert_eq!(found.len(), 3 * wide * high);
+                    let mut found = vec![f32::NAN; 3 * wide * high];
+                    GpuImage::weighted_sum(&layers, scale, &mut found).unwrap();
                     assert_eq!(gpu.bytes_read() - before, 4 * found.len() as u64);
                     for (at, found) in found.iter().enumerate() {
                         let (x, y, channel) = (at / 3 % wide, at / 3 / wide, at % 3);
@@ -227,7 +232,9 @@ mod tests {
         assert!(matches!(gone.read(), Err(GpuError::Lost(_))));
         assert!(matches!(here.take_in(&mut gone, 0.5, 1.0), Err(GpuError::Lost(_))));
         for layers in [[&here, &gone], [&gone, &here]].map(|images| images.map(|image| (image, [1.0; 3]))) {
-            assert!(matches!(GpuImage::weighted_sum(&layers, 1), Err(GpuError::Lost(_))));
+            let mut sum = [7.0; 48];
+            assert!(matches!(GpuImage::weighted_sum(&layers, 1, &mut sum), Err(GpuError::Lost(_))));
+            assert_eq!(sum, [7.0; 48]);
         }
         assert_eq!(here.read().unwrap(), [0.0; 48]);
     }

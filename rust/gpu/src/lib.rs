@@ -33,6 +33,7 @@ mod matrices;
 mod memory;
 pub mod modules;
 mod properties;
+mod staging;
 mod timer;
 
 pub use buffer::{Binding, Buffer};

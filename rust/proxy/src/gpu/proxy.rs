@@ -200,8 +200,7 @@ impl GpuProxy {
             self.add_pixels(&mut commands, shared, listed.whole(), pixels.len())?;
             self.add_units(&mut commands, shared, 1, pixels.len())?;
             commands.submit()?;
-            let values = self.gpu.read(&shared.units, 0..3 * pixels.len())?;
-            out.as_flattened_mut().copy_from_slice(&values);
+            self.gpu.read_into(&shared.units, 0, out.as_flattened_mut())?;
         }
         Ok(())
     }

@@ -117,15 +117,20 @@ impl<'a> FrameLayers<'a> {
         }
     }
 
-    /// Scene-linear RGBA, the bottom row first.
-    pub fn image(&self, view: &BakeView, quality: FrameQuality) -> Result<Image, SessionError> {
+    /// Scene-linear RGBA, the bottom row first. `sum` is memory for it, see [`FrameImages::sum`].
+    pub fn image(
+        &self,
+        view: &BakeView,
+        quality: FrameQuality,
+        sum: &mut Image,
+    ) -> Result<Image, SessionError> {
         let alpha = if quality.scale == 2 { &downsampled(&view.aovs.alpha) } else { &view.aovs.alpha };
         let coarse = (self.block > quality.scale).then(|| Coarse {
             scale: self.block,
             by: self.block / quality.scale,
             denoise: view.denoise(self.block),
         });
-        self.images.sum(view.film, alpha, view.denoise(quality.scale), coarse)
+        self.images.sum(view.film, alpha, view.denoise(quality.scale), coarse, sum)
     }
 }
 

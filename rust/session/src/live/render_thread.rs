@@ -49,6 +49,8 @@ pub(super) struct RenderThread {
     /// True until something of this bake was shown.
     first_frame: bool,
     pace: DragPace,
+    /// Memory of a frame's sum, from one frame to the next.
+    sum: Image,
 }
 
 /// Listener that passes warnings on to the status.
@@ -82,6 +84,7 @@ impl RenderThread {
             serial: 0,
             first_frame: true,
             pace: DragPace::default(),
+            sum: Image::default(),
         }
     }
 
@@ -355,7 +358,7 @@ impl RenderThread {
         let stand_ins = self.stand_ins(request, view, terms, quality)?;
         let units = (&self.units, self.world.as_ref());
         let layers = FrameLayers::new(request, view, units, terms, &stand_ins, quality);
-        let image = layers.image(view, quality)?;
+        let image = layers.image(view, quality, &mut self.sum)?;
         self.first_frame = false;
         let denoised = view.denoise(quality.scale).missing().is_none();
         // Without a denoiser nothing gets better than it is.

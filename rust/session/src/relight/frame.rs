@@ -44,15 +44,17 @@ impl Coarse<'_> {
 
 impl FrameImages<'_> {
     /// Scene-linear RGBA of a film with this alpha, the bottom row first. What is noisy has the size of a coarser picture, if
-    /// there is one, until it is denoised.
+    /// there is one, until it is denoised. `sum` is for the sum without alpha, whatever it was before: one frame after the other
+    /// can use its memory.
     pub fn sum(
         &self,
         film: Film,
         alpha: &Image,
         denoise: &Denoise,
         coarse: Option<Coarse<'_>>,
+        sum: &mut Image,
     ) -> Result<Image, SessionError> {
-        let mut sum = weighted_sum(&self.clean, alpha.width, alpha.height)?;
+        sum_into(sum, &self.clean, alpha.width, alpha.height)?;
         if !self.noisy.is_empty() {
             let noisy = match coarse {
                 Some(coarse) => {
@@ -69,9 +71,9 @@ impl FrameImages<'_> {
             sum.add_scaled(&noisy, &[1.0; 3]);
         }
         if !film.catches() {
-            return Ok(with_alpha(&sum, alpha));
+            return Ok(with_alpha(sum, alpha));
         }
-        let (picture, alpha) = film.develop(sum, alpha, CatcherPlace::Picture).picture();
+        let (picture, alpha) = film.develop(std::mem::take(sum), alpha, CatcherPlace::Picture).picture();
         Ok(with_alpha(&picture, &alpha))
     }
 }
@@ -79,6 +81,13 @@ impl FrameImages<'_> {
 /// Weighted sum of RGB images, of `width` by `height` pixels; images of twice that size are averaged by two by two. Those on the
 /// GPU are summed there and come back as one.
 pub(crate) fn weighted_sum(images: &[WeightedImage], width: usize, height: usize) -> Result<Image, GpuError> {
+    let mut sum = Image::default();
+    sum_into(&mut sum, images, width, height)?;
+    Ok(sum)
+}
+
+/// [`weighted_sum`] in the place of an image of any size.
+fn sum_into(sum: &mut Image, images: &[WeightedImage], width: usize, height: usize) -> Result<(), GpuError> {
     let (mut on_cpu, mut on_gpu) = (Vec::new(), Vec::new());
     for WeightedImage { image, weight } in images {
         match image {
@@ -86,12 +95,19 @@ pub(crate) fn weighted_sum(images: &[WeightedImage], width: usize, height: usize
             DeviceImage::Gpu(image) => on_gpu.push((image, *weight)),
         }
     }
-    let mut sum = Image::new(width, height, 3);
-    if let Some((image, _)) = on_gpu.first() {
+    if sum.data.len() != width * height * 3 {
+        sum.data = vec![0.0; width * height * 3];
+    }
+    (sum.width, sum.height, sum.channels) = (width, height, 3);
+    let of_gpu = on_gpu.first();
+    if let Some((image, _)) = of_gpu {
         let scale = if (image.width(), image.height()) == (width, height) { 1 } else { 2 };
-        sum.data = GpuImage::weighted_sum(&on_gpu, scale)?;
+        GpuImage::weighted_sum(&on_gpu, scale, &mut sum.data)?;
     }
     sum.data.par_chunks_exact_mut(width * 3).enumerate().for_each(|(y, row)| {
+        if of_gpu.is_none() {
+            row.fill(0.0);
+        }
         for (image, weight) in &on_cpu {
             if (image.width, image.height) == (width, height) {
                 add_row(row, &image.data[y * width * 3..][..width * 3], weight);
@@ -102,7 +118,7 @@ pub(crate) fn weighted_sum(images: &[WeightedImage], width: usize, height: usize
             }
         }
     });
-    Ok(sum)
+    Ok(())
 }
 
 fn add_row(row: &mut [f32], values: &[f32], weight: &[f32; 3]) {
@@ -168,12 +184,14 @@ mod tests {
         assert_eq!(downsampled(&full).data[..3], [7.5, 8.5, 9.5]);
         let here = DeviceImage::Cpu(full);
         let half = DeviceImage::Cpu(Image { data: vec![1.0; 2 * 3], ..Image::new(2, 1, 3) });
-        for full in [&here, &there] {
+        let before = || [Image::default(), Image { data: vec![f32::NAN; 2 * 3], ..Image::new(3, 2, 1) }];
+        for (full, mut sum) in [&here, &there].into_iter().flat_map(|full| before().map(|sum| (full, sum))) {
             let layers = [
                 WeightedImage { image: full, weight: [1.0, 2.0, 0.0] },
                 WeightedImage { image: &half, weight: [0.0, 0.0, 5.0] },
             ];
-            let sum = weighted_sum(&layers, 2, 1).unwrap();
+            sum_into(&mut sum, &layers, 2, 1).unwrap();
+            assert_eq!((sum.width, sum.height, sum.channels), (2, 1, 3));
             // Means of rows 0 and 1, columns 0 and 1, then 2 and 3, of the red and green channel.
             assert_eq!(sum.data, [7.5, 17.0, 5.0, 13.5, 29.0, 5.0]);
         }
