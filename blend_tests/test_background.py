@@ -1,6 +1,7 @@
 """A bake in another Blender: progress, stopping, going on, and that nothing is left behind."""
 
 import dataclasses
+import math
 import os
 import sys
 import time
@@ -194,6 +195,9 @@ TRAINED = [
     ("SPOT", {}, "spot"),
     ("SPOT", {"use_soft_falloff": False}, "sphere-spot"),
     ("SPOT", {"scale": (1.0, 2.0, 1.0)}, None),
+    ("SPOT", {"spot_size": math.radians(6.0)}, "spot"),
+    ("SPOT", {"spot_size": math.radians(5.0)}, None),
+    ("SPOT", {"spot_size": math.radians(5.0), "use_soft_falloff": False}, None),
     ("AREA", {}, "quad"),
     ("AREA", {"shape": "DISK"}, "ellipse"),
     ("AREA", {"spread": 1.0}, None),
@@ -208,7 +212,7 @@ def test_proxies_are_trained_for_the_types_of_light_that_have_one(room):
         lamp.scale = settings.get("scale", (1.0, 1.0, 1.0))
     bpy.data.objects.remove(bpy.data.objects["Key"])
     lights = sorted(exported(room)["lights"], key=lambda light: light["name"])
-    assert [background.kind_of(light) for light in lights] == [kind for *_, kind in TRAINED]
+    assert [relume.Light(light).kind for light in lights] == [kind for *_, kind in TRAINED]
 
 
 def test_a_file_that_was_closed_meanwhile_shows_its_bake(room, tmp_path, no_training):

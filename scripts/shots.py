@@ -12,12 +12,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import relume
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = Path(os.environ.get("RELUME_SCENES", ROOT.parent / "shared/scenes"))
-# The types of light that a network learns, by the shapes that it covers.
-KINDS = {"quad": "quad", "ellipse": "ellipse", "sphere": "sphere", "facing_disk": "facing-disk", "spot": "spot"}
 
 
 def run(*words):
@@ -39,19 +38,18 @@ def moved(lights, rng):
 def shot(blend, out, args):
     """All of one .blend; returns its pictures."""
     bake = out / "bake"
-    relume = (sys.executable, "-m", "relume")
+    command = (sys.executable, "-m", "relume")
     size = ("--resolution-percentage", args.percentage)
     run(sys.executable, ROOT / "relume_bake.py", blend, "--", "bake", "--out", bake, "--samples", args.samples, *size)
     lights = json.loads((bake / "lights.json").read_text())
-    kinds = {KINDS[light["shape"]["type"]] for light in lights["lights"] if light["shape"]["type"] in KINDS}
-    for kind in sorted(kinds):
-        run(*relume, "train", bake, "--type", kind, "--seconds", args.seconds, "--all-paths")
+    for kind in sorted({kind for light in lights["lights"] if (kind := relume.Light(light).kind)}):
+        run(*command, "train", bake, "--type", kind, "--seconds", args.seconds, "--all-paths")
     lights["lights"] = moved(lights["lights"], random.Random(args.seed))
     (out / "moved.json").write_text(json.dumps(lights, indent=1))
-    run(*relume, "relight", bake, "--out", out / "own.exr")
-    run(*relume, "relight", bake, "--out", out / "moved.exr", "--lights", out / "moved.json")
+    run(*command, "relight", bake, "--out", out / "own.exr")
+    run(*command, "relight", bake, "--out", out / "moved.exr", "--lights", out / "moved.json")
     proxy = ("--with", "proxy", "--lights", out / "moved.json")
-    run(*relume, "relight", bake, "--out", out / "moved_by_proxy.exr", *proxy)
+    run(*command, "relight", bake, "--out", out / "moved_by_proxy.exr", *proxy)
     return [out / f"{name}.png" for name in ("own", "moved", "moved_by_proxy")]
 
 

@@ -4,7 +4,6 @@ are open. What one has written stays when it is stopped, and the next start goes
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,12 @@ import bpy
 
 from ...core import bake_goal
 from ...core.shots import ListedShot
+from ..native import native
 from ..workers.process import SavedCopy, Worker, blender_command
 from . import shot, shot_list
 from .options import Options, options_of
 
 LIGHTS_FILE = "lights.json"
-KINDS = {"facing_disk": "facing-disk", "sphere": "sphere", "spot": "spot", "quad": "quad", "ellipse": "ellipse"}
-"""Proxies that can be trained, by the shape of a light."""
-FULL_SPREAD = math.pi - 1e-4
-"""Area lights of less have no proxies."""
 MIB = 2**20
 STOPPED = "stopped; start it again to go on"
 
@@ -219,20 +215,11 @@ class BackgroundBake(BackgroundJob):
         return [*command, "--json", "--threads", str(options.threads), "--device", options.device, *memory]
 
     def _kinds(self) -> list[str]:
-        """Types of light that the baked scene has."""
+        """Types of light that the baked scene has and that proxies answer for."""
         if self.options.train_seconds <= 0.0:
             return []
         lights = json.loads((self.options.folder / LIGHTS_FILE).read_text(encoding="utf-8"))["lights"]
-        return sorted({kind for light in lights if (kind := kind_of(light))})
-
-
-def kind_of(light: dict[str, Any]) -> str | None:
-    """The proxy that is trained for a light of a light set, if there is one."""
-    shape = light["shape"]
-    if light.get("map") or shape.get("spread", math.pi) < FULL_SPREAD:
-        return None
-    is_hard = shape["type"] == "spot" and not shape["soft_falloff"]
-    return "sphere-spot" if is_hard else KINDS.get(shape["type"])
+        return sorted({kind for light in lights if (kind := native().Light(light).kind)})
 
 
 class Batch:

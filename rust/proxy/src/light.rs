@@ -1,7 +1,7 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use glam::{Mat3, Vec3};
-use relume_scene::{Light, LightShape};
+use relume_scene::{Light, LightShape, LobeFactors};
 use serde::{Deserialize, Serialize};
 
 use crate::Rng;
@@ -121,6 +121,20 @@ impl LightKind {
     pub fn of_light(light: &Light) -> Option<Self> {
         Self::of(&light.shape).filter(|_| light.map.is_none())
     }
+
+    /// The kind whose proxy can answer for this light, if it has learned its size: a proxy knows Blender's default ray visibility
+    /// alone, but for the camera's, and neither linking, other rules, nor cones too narrow for it.
+    pub fn answering(light: &Light) -> Option<Self> {
+        let usual = LobeFactors::default();
+        let is_usual = LobeFactors { camera: usual.camera, ..light.lobes } == usual;
+        let is_plain = is_usual && light.receivers.is_none() && light.rules.is_default();
+        Self::of_light(light).filter(|_| is_plain && !is_narrow(&light.shape))
+    }
+}
+
+/// True for spots whose cones are narrower than those that a proxy learns, with a tenth of slack.
+pub(crate) fn is_narrow(shape: &LightShape) -> bool {
+    matches!(*shape, LightShape::Spot { half_angle, .. } if half_angle < 0.9 * HALF_ANGLES[0])
 }
 
 /// The parameters of one light, metres and radians in world space, in the order of [`LightKind::param_names`].
@@ -299,6 +313,7 @@ pub(crate) fn random_light_facing_down(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use relume_scene::LightRules;
 
     #[test]
     fn shapes_survive_the_way_there_and_back() {
@@ -320,6 +335,26 @@ mod tests {
             let (u, v) = (light.vec3(3), light.vec3(6));
             assert!(u.dot(v).abs() < 1e-5 * u.length() * v.length() + 1e-6);
             assert!(u.length() > 0.0999 && u.length() < 2.001, "width {}", u.length());
+        }
+    }
+
+    #[test]
+    fn proxies_answer_for_usual_lights_alone() {
+        let light = |kind, half_angle| {
+            let cone = [half_angle, 0.1];
+            Light::unit(LightParams::spot(kind, Vec3::Z, 0.1, cone, Vec3::NEG_Z).shape())
+        };
+        for kind in [LightKind::Spot, LightKind::SphereSpot] {
+            // Spot sizes of 90, 5.5 and 5 degrees.
+            let [wide, slack, narrow] = [90.0_f32, 5.5, 5.0].map(|size| light(kind, 0.5 * size.to_radians()));
+            assert_eq!([&wide, &slack].map(LightKind::answering), [Some(kind); 2]);
+            assert_eq!((LightKind::answering(&narrow), LightKind::of_light(&narrow)), (None, Some(kind)));
+            let rules = LightRules { max_bounces: Some(1), ..LightRules::default() };
+            let lobes = |lobes| Light { lobes, ..wide.clone() };
+            let usual = LobeFactors::default();
+            assert_eq!(LightKind::answering(&lobes(LobeFactors { camera: 1.0, ..usual })), Some(kind));
+            assert_eq!(LightKind::answering(&lobes(LobeFactors { glossy: 0.0, ..usual })), None);
+            assert_eq!(LightKind::answering(&Light { rules, ..wide }), None);
         }
     }
 

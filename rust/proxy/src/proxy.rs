@@ -9,7 +9,7 @@ use crate::encoded::EncodedTiles;
 use crate::encoding::{LightEncoding, OutputScale};
 use crate::evaluate::Evaluator;
 use crate::gpu::{DeviceNetwork, OnDevice, Parts};
-use crate::light::HALF_ANGLES;
+use crate::light::is_narrow;
 use crate::network::{FastNetwork, Network, ReferenceNetwork};
 use crate::params::ParamLayout;
 use crate::scene_cache::{Normalisation, SceneCache};
@@ -162,10 +162,9 @@ impl Proxy {
     /// the trained ones (with a tenth of slack). [`Proxy::has_learned_place`] is about positions.
     pub fn covers(&self, shape: &LightShape) -> bool {
         let (kind, SizeRange { min, max }) = (self.info.kind, self.info.size);
-        let is_narrow = |half_angle: f32| half_angle < 0.9 * HALF_ANGLES[0];
         LightKind::of(shape) == Some(kind)
             && kind.sizes(shape).all(|size| (0.9 * min..=1.1 * max).contains(&size))
-            && !matches!(*shape, LightShape::Spot { half_angle, .. } if is_narrow(half_angle))
+            && !is_narrow(shape)
     }
 
     /// True if the centre of a light of this kind is in the box of the training lights (with a tenth of slack on each

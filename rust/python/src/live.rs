@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
 use relume_session::live::{self, Board, LiveOptions, LiveRequest, LiveStatus, RequestOptions};
+use relume_session::proxy::LightKind;
 use relume_session::trace::TraceSettings;
 use relume_session::{LightSet, OpenScenes, ParsedLight};
 use serde::Serialize;
@@ -134,6 +135,11 @@ impl PyLight {
     #[getter]
     fn name(&self) -> &str {
         &self.parsed.light.name
+    }
+
+    #[getter]
+    fn kind(&self) -> Option<String> {
+        LightKind::answering(&self.parsed.light).map(|kind| kind.to_string())
     }
 }
 

@@ -451,6 +451,10 @@ class Light:
     def name(self) -> str:
         """Name of the light."""
 
+    @property
+    def kind(self) -> str | None:
+        """The proxy that can answer for it, as `relume train --type` calls it; None if it is always gathered."""
+
 Color = Sequence[float]
 """RGB."""
 

@@ -2,7 +2,7 @@ use crate::error::SessionError;
 use crate::files::damage::damage_message;
 use crate::files::names::{measured_path, proxy_path};
 use relume_proxy::{LightKind, Proxy};
-use relume_scene::{Light, LobeFactors};
+use relume_scene::Light;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -116,13 +116,10 @@ impl Proxies {
         self.list.iter().find(|trained| trained.proxy.info().kind == kind)
     }
 
-    /// Proxy for a light: it learned this kind and size, and Blender's default ray visibility. It lacks the direct view
+    /// Proxy for a light: of the kind that answers for it ([`LightKind::answering`]), and of its size. It lacks the direct view
     /// of a light that the camera sees.
     pub fn covering(&self, light: &Light) -> Option<&TrainedProxy> {
-        let unseen = LobeFactors { camera: LobeFactors::default().camera, ..light.lobes };
-        let is_plain = light.receivers.is_none() && light.rules.is_default() && light.map.is_none();
-        let usual = unseen == LobeFactors::default() && is_plain;
-        self.list.iter().find(|trained| usual && trained.proxy.covers(&light.shape))
+        self.of(LightKind::answering(light)?).filter(|trained| trained.proxy.covers(&light.shape))
     }
 
     /// [`Proxies::covering`] if the light is in a place that the proxy has learned; elsewhere it extrapolates.

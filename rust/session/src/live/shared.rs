@@ -257,9 +257,9 @@ impl Shared {
     }
 }
 
-/// The kinds that some lights are of, of those that have proxies, in the order in which they are learned.
+/// The kinds whose proxies answer for some of these lights, in the order in which they are learned.
 fn kinds_of(lights: &[Light]) -> Vec<LightKind> {
-    let used = |kind: &LightKind| lights.iter().any(|light| LightKind::of_light(light) == Some(*kind));
+    let used = |kind: &LightKind| lights.iter().any(|light| LightKind::answering(light) == Some(*kind));
     LightKind::ALL.into_iter().filter(used).collect()
 }
 
@@ -400,5 +400,15 @@ mod tests {
         assert_eq!(state.to_learn(), [64, 64, 256, 256], "but not for as long as is asked for now");
         state.request = Some(request(vec![sun]));
         assert!(state.to_learn().is_empty(), "suns are never learned");
+        let spot = |size: f32| {
+            let (center, radius, axis, half_angle) = (Vec3::ZERO, 0.1, Vec3::NEG_Z, 0.5 * size.to_radians());
+            light(LightShape::Spot { center, radius, axis, half_angle, blend: 0.1, soft_falloff: true })
+        };
+        state.request = Some(request(vec![spot(5.0), spot(2.0)]));
+        assert_eq!(state.kinds_of(&[spot(5.0)]), [], "no proxy answers for spots so narrow");
+        assert!(state.to_learn().is_empty() && state.unlearned().next().is_none());
+        state.request = Some(request(vec![spot(5.0), spot(30.0)]));
+        assert_eq!(state.to_learn(), [64, 256]);
+        assert_eq!(state.unlearned().collect::<Vec<_>>(), [LightKind::Spot]);
     }
 }
