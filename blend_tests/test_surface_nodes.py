@@ -255,6 +255,20 @@ def test_glass_is_rough_along_its_tangent(scene, tmp_path):
     compare(cards, tmp_path, samples=1024)
 
 
+def test_a_small_sun_shines_through_rough_glass(scene, tmp_path):
+    """Cards with a sun behind them, which shadow rays find."""
+    cards = Cards(scene, columns=3)
+    kinds = {"ShaderNodeBsdfGlass": {}, "ShaderNodeBsdfRefraction": {}, "ShaderNodeBsdfPrincipled": {}}
+    kinds["ShaderNodeBsdfPrincipled"]["Transmission Weight"] = 0.5
+    for roughness in (0.35, 0.5):
+        for kind, more in kinds.items():
+            name = f"{kind} {roughness}"
+            tree, output = cards.add(name)
+            cards.show(tree, output, node(tree, kind, {"Roughness": roughness, "IOR": 1.6} | more).outputs[0])
+    add_light(scene, "SUN", "below", energy=3.0, angle=0.02).rotation_euler = (3.0, 0.1, 0.0)
+    compare(cards, tmp_path, tolerance=0.02, samples=256)
+
+
 def test_portals_lead_elsewhere(scene, tmp_path):
     """Cards that show a lit floor, a glow and the depth of portals far away."""
     cards = Cards(scene)

@@ -3,17 +3,13 @@
 // Length of escaped segments in metres, up to a factor of 0.57: beyond every light, and harmless in f32.
 const FAR = 1e8;
 
-// Bits of a record's second word: its segment continues the ray of the one before, it escapes.
+// Bits of a record's second word: its segment continues the ray of the one before (of an origin record, no meaning), it escapes.
 const CONTINUES = 1u << 16u;
 const ESCAPED = 1u << 17u;
 // Bits of which a segment that starts at the camera's position has none.
 const NOT_FROM_CAMERA = 0x1du << 16u;
-// Codes of the lobes that are connected.
-const DIFFUSE = 1u;
-const VOLUME = 4u;
-const ROUGH_GLOSSY = 5u;
-// Code of a camera segment behind an origin record.
-const CAMERA_BEHIND_ORIGIN = 6u;
+// Bits of NOT_FROM_CAMERA of a camera segment behind an origin record; an origin record has all of them.
+const CAMERA_BEHIND_ORIGIN = 0x1cu << 16u;
 
 // Map from grid coordinates to world space, metres.
 struct Grid {
@@ -39,10 +35,9 @@ fn starts_at_camera(z_flags: u32) -> bool {
     return (z_flags & NOT_FROM_CAMERA) == 0u;
 }
 
-// Number of the lobe; what is above 5 is not a segment.
+// Number of the lobe; 7 is not a segment.
 fn lobe_code(z_flags: u32) -> u32 {
-    let code = (z_flags >> 18u) & 7u;
-    return select(code, 0u, code == CAMERA_BEHIND_ORIGIN);
+    return select((z_flags >> 18u) & 7u, 0u, (z_flags & NOT_FROM_CAMERA) == CAMERA_BEHIND_ORIGIN);
 }
 
 fn receiver(z_flags: u32) -> u32 {

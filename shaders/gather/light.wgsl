@@ -65,10 +65,8 @@ struct Light {
     // Factor by distance, as of `Falloff`; 0 and 0 for none.
     falloff_power: f32,
     falloff_smooth: f32,
-    // What squared distances are multiplied by for the share of light of a lobe that counts by crossings; 0 for all of it.
-    crossed_diffuse: f32,
-    crossed_rough_glossy: f32,
-    crossed_volume: f32,
+    // By lobe code, what squared distances are multiplied by for the share of light that counts by crossings; 0 for all of it.
+    crossed: array<f32, 8>,
 }
 
 @group(0) @binding(0) var<storage, read> lights: array<Light>;
@@ -143,13 +141,7 @@ fn factor(light: u32, z_flags: u32) -> f32 {
 
 // Share of what a segment sees that counts by crossings (`rust/gather/src/balance.rs`).
 fn crossed_share(light: u32, s: Segment) -> f32 {
-    var scale = 0.0;
-    switch lobe_code(s.z_flags) {
-        case DIFFUSE: { scale = lights[light].crossed_diffuse; }
-        case ROUGH_GLOSSY: { scale = lights[light].crossed_rough_glossy; }
-        case VOLUME: { scale = lights[light].crossed_volume; }
-        default: {}
-    }
+    let scale = lights[light].crossed[lobe_code(s.z_flags)];
     if scale == 0.0 {
         return 1.0;
     }

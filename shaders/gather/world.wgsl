@@ -32,8 +32,8 @@ struct Arguments {
 var<immediate> arguments: Arguments;
 
 const PI = 3.14159265;
-// Number of codes of lobes; what is above is not a segment.
-const LOBES = 6u;
+// Number of lobes; their code is not a segment's.
+const LOBES = 7u;
 
 @compute @workgroup_size(GROUP_SIZE)
 fn add_world(

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{DumpError, SegmentClasses};
 
 /// Version of the manifest and of the shards; a reader refuses any other.
-pub const FORMAT_VERSION: u32 = 6;
+pub const FORMAT_VERSION: u32 = 7;
 
 /// Description of a dump: written once as `manifest.json`, the same for all machines that bake tiles of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

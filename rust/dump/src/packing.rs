@@ -12,9 +12,9 @@ const GRID_STEPS: f32 = 65535.0;
 
 /// The 16 flag bits of a record.
 ///
-/// Bit 0: the segment continues the ray of the one before. Bit 1: the segment escapes. Bits 2-4: code of the lobe; 6
-/// for a camera segment that is neither the first record of its path nor continues another; 7 for an origin record (not
-/// a segment: the vertex that the next segment starts from). Bits 5-15: receiver.
+/// Bit 0: the segment continues the ray of the one before. Bit 1: the segment escapes. Bits 2-4: code of the lobe, or 7: with bit 0
+/// an origin record (not a segment: the vertex that the next segment starts from), without it a camera segment that is neither the
+/// first record of its path nor continues another. Bits 5-15: receiver.
 ///
 /// The first record of a path needs no bit: it is an origin record, or else the camera's segment, with 0 in
 /// [`Flags::NOT_FROM_CAMERA`].
@@ -36,14 +36,15 @@ impl Flags {
     /// Bits of which a segment that starts at the camera's position has none, and every other record some.
     pub const NOT_FROM_CAMERA: u16 = 0b1_1101;
 
-    /// Code of a camera segment behind an origin record.
-    const CAMERA_BEHIND_ORIGIN: u16 = 6;
-    const ORIGIN: u16 = 7;
+    /// Code of origin records, and of camera segments behind them.
+    const AT_ORIGIN: u16 = 7;
+    /// Bit 0 and the code of an origin record.
+    const ORIGIN: u16 = 1 | Self::AT_ORIGIN << 2;
 
     /// Flags of a segment. Only one with [`Lobe::Camera`] can start at the camera.
     pub(crate) fn segment(start: Start, escaped: bool, lobe: Lobe, receiver: u16) -> Self {
         let code = match (start, lobe) {
-            (Start::Vertex, Lobe::Camera) => Self::CAMERA_BEHIND_ORIGIN,
+            (Start::Vertex, Lobe::Camera) => Self::AT_ORIGIN,
             _ => lobe as u16,
         };
         Self(u16::from(start == Start::Ray) | u16::from(escaped) << 1 | code << 2 | receiver << 5)
@@ -51,7 +52,7 @@ impl Flags {
 
     /// Flags of an origin record.
     pub(crate) fn origin() -> Self {
-        Self(Self::ORIGIN << 2)
+        Self(Self::ORIGIN)
     }
 
     /// True if this is the first record of a path.
@@ -66,7 +67,7 @@ impl Flags {
 
     /// True if the segment continues the ray of the one before ([`crate::Segment::continues`]).
     pub fn continues(self) -> bool {
-        self.0 & 1 != 0
+        self.0 & 1 != 0 && !self.is_origin()
     }
 
     /// True if the segment leaves the scene; `position_xy` then holds an octahedral direction.
@@ -76,17 +77,13 @@ impl Flags {
 
     /// True if this is an origin record.
     pub fn is_origin(self) -> bool {
-        self.code() == Self::ORIGIN
+        self.0 & Self::ORIGIN == Self::ORIGIN
     }
 
-    fn code(self) -> u16 {
-        self.0 >> 2 & 7
-    }
-
-    /// The lobe of a segment; none for origin records and illegal codes.
+    /// The lobe of a segment; none for origin records.
     pub fn lobe(self) -> Option<Lobe> {
-        match self.code() {
-            Self::CAMERA_BEHIND_ORIGIN => Some(Lobe::Camera),
+        match self.0 >> 2 & 7 {
+            Self::AT_ORIGIN => (!self.is_origin()).then_some(Lobe::Camera),
             code => Lobe::ALL.get(usize::from(code)).copied(),
         }
     }

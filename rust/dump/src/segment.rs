@@ -1,7 +1,7 @@
 use glam::Vec3;
 
-/// The lobe that made a segment, as Cycles parts closures where it samples lights, but for its two kinds of gloss. Decides
-/// per-light factors and camera visibility.
+/// The lobe that made a segment, as Cycles parts closures where it samples lights, but for glass, each side of which has its own, and
+/// for the two kinds each of gloss and transmission. Decides per-light factors and camera visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Lobe {
@@ -11,25 +11,45 @@ pub enum Lobe {
     Diffuse = 1,
     /// Glossy reflection, singular included, but for [`Self::RoughGlossy`].
     Glossy = 2,
-    /// Refraction and transmission of the Hair BSDF; not transparency, which keeps the lobe of the ray that meets it.
+    /// Refraction but for [`Self::RoughTransmission`], and transmission of the Hair BSDF; not transparency, which keeps the lobe of the
+    /// ray that meets it.
     Transmission = 3,
     /// Volume scattering.
     Volume = 4,
     /// Glossy reflection so wide that lights are connected to its vertices, and Principled Hair.
     RoughGlossy = 5,
+    /// Refraction so wide that lights are connected to its vertices, and what comes through rough thin sheets.
+    RoughTransmission = 6,
 }
 
 impl Lobe {
     /// Every lobe; the index is its code.
-    pub const ALL: [Self; 6] =
-        [Self::Camera, Self::Diffuse, Self::Glossy, Self::Transmission, Self::Volume, Self::RoughGlossy];
+    pub const ALL: [Self; 7] = [
+        Self::Camera,
+        Self::Diffuse,
+        Self::Glossy,
+        Self::Transmission,
+        Self::Volume,
+        Self::RoughGlossy,
+        Self::RoughTransmission,
+    ];
 
     /// Lobes whose light may be summed by points on lights in place of crossings.
-    pub const CONNECTED: [Self; 3] = [Self::Diffuse, Self::RoughGlossy, Self::Volume];
+    pub const CONNECTED: [Self; 4] =
+        [Self::Diffuse, Self::RoughGlossy, Self::Volume, Self::RoughTransmission];
+
+    /// Its number among [`Self::CONNECTED`].
+    pub fn connected_number(self) -> Option<usize> {
+        Self::CONNECTED.into_iter().position(|lobe| lobe == self)
+    }
 
     /// The lobe as Cycles tells rays apart.
     pub fn ray_kind(self) -> Self {
-        if self == Self::RoughGlossy { Self::Glossy } else { self }
+        match self {
+            Self::RoughGlossy => Self::Glossy,
+            Self::RoughTransmission => Self::Transmission,
+            other => other,
+        }
     }
 }
 

@@ -276,7 +276,7 @@ impl Shard {
         offsets[pixel] as usize..offsets[pixel + 1] as usize
     }
 
-    /// The segments of one pixel, decoded one by one: clear, not fast. Records with illegal flags are left out.
+    /// The segments of one pixel, decoded one by one: clear, not fast.
     pub fn segments(&self, pixel: usize) -> impl Iterator<Item = DecodedSegment> + '_ {
         let mut paths = 0u32;
         self.pixel(pixel).filter_map(move |record| {
@@ -286,7 +286,7 @@ impl Shard {
         })
     }
 
-    /// The segment of a record, with `path` 0; `None` for origin records and illegal flags.
+    /// The segment of a record, with `path` 0; `None` for origin records.
     pub fn segment(&self, record: usize) -> Option<DecodedSegment> {
         let (end, flags) = self.decode(record);
         flags.lobe()?;
@@ -347,9 +347,6 @@ impl Shard {
         for record in self.pixel(pixel) {
             let flags = self.decode(record).1;
             let illegal = |what: &str| Some(format!("record {record} of pixel {pixel} {what}"));
-            if flags.lobe().is_none() && !flags.is_origin() {
-                return illegal("has an unknown lobe");
-            }
             if flags.is_origin()
                 && (flags.escaped() || packing::decode_rgb9e5(self.throughput()[record]) != Vec3::ZERO)
             {

@@ -9,13 +9,21 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use relume_dump::{ByConnectedLobe, Flags, Lobe};
+use relume_dump::{Flags, Lobe};
 
 use crate::light::{Plane, PreparedLight, Profile};
 
-/// Density of the directions in which light is scattered by [`Lobe::CONNECTED`], per steradian: the mean of diffuse ones; of rough
-/// gloss that about the mirrored direction; of media that of even scattering.
-const DENSITIES: ByConnectedLobe<f32> = [0.5 * FRAC_1_PI, 2.0, 0.25 * FRAC_1_PI];
+/// Density of the directions in which light is scattered by a lobe of [`Lobe::CONNECTED`], per steradian: the mean of diffuse ones;
+/// of rough gloss that about the mirrored direction; of media that of even scattering. Refraction is far narrower about the bent
+/// direction, and most of its paths look for lights: crossings find more there.
+fn density(lobe: Lobe) -> f32 {
+    match lobe {
+        Lobe::RoughGlossy => 2.0,
+        Lobe::RoughTransmission => 200.0,
+        Lobe::Volume => 0.25 * FRAC_1_PI,
+        _ => 0.5 * FRAC_1_PI,
+    }
+}
 
 /// Numbers of paths per pixel by which lights are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,26 +34,25 @@ pub struct Balance {
     pub crossed: u32,
 }
 
-/// Shares of a light that count by crossings: all of it, unless it is connected. For each of [`Lobe::CONNECTED`] what a squared
-/// distance in metres is multiplied by; 0 where all of the light counts by crossings.
+/// Shares of a light that count by crossings: all of it, unless it is connected. By code of the lobe what a squared distance in metres
+/// is multiplied by; 0 where all of the light counts by crossings.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct CrossedShares(pub ByConnectedLobe<f32>);
+pub(crate) struct CrossedShares(pub [f32; 8]);
 
 impl CrossedShares {
     /// Shares of a light, whose true area is `area_scale` of that of its profile.
     pub fn new(balance: Balance, profile: &Profile, area_scale: f32) -> Self {
         let odds = balance.connected as f32 / balance.crossed.max(1) as f32;
-        Self(DENSITIES.map(|density| odds / (density * area(profile) * area_scale)))
+        let mut shares = Self::default();
+        for lobe in Lobe::CONNECTED {
+            shares.0[lobe as usize] = odds / (density(lobe) * area(profile) * area_scale);
+        }
+        shares
     }
 
     /// Share for what leaves a place by a lobe.
     pub fn at(&self, lobe: Lobe, profile: &Profile, place: Vec3) -> f32 {
-        let scale = match lobe {
-            Lobe::Diffuse => self.0[0],
-            Lobe::RoughGlossy => self.0[1],
-            Lobe::Volume => self.0[2],
-            _ => 0.0,
-        };
+        let scale = self.0[lobe as usize];
         if scale == 0.0 {
             return 1.0;
         }

@@ -9,6 +9,7 @@ use relume_scene::{Light, LightShape, ReceiverSet};
 use crate::GatherError;
 use crate::balance::Balance;
 use crate::light::{Ball, FAR, Plane, PreparedLight, Profile, Spread};
+use crate::lobes::factor_of;
 use crate::rules::{shift, with_rules};
 
 /// A light that is summed over vertices by points on it, but for the shares that count by crossings. Its size has no floor.
@@ -39,7 +40,7 @@ impl Emitter {
     /// else blocks it than was known for the dump.
     pub fn covers(light: &Light, manifest: &Manifest) -> bool {
         let is_sheared = matches!(light.shape, LightShape::Sheared { .. });
-        let is_seen = [light.lobes.diffuse, light.lobes.glossy, light.lobes.volume].iter().any(|f| *f != 0.0);
+        let is_seen = Lobe::CONNECTED.iter().any(|lobe| factor_of(&light.lobes, *lobe) != 0.0);
         is_seen && !is_sheared && shift(light, manifest).is_some()
     }
 
@@ -102,6 +103,9 @@ impl Emitter {
     /// A direction from a point to the light by two numbers in 0..1; nothing if none of its light comes that way. A surface there faces
     /// `normal`, of unit length; in a medium there is none.
     pub fn sample(&self, origin: Vec3, normal: Option<Vec3>, u: [f32; 2]) -> Option<LightSample> {
+        if normal.is_some_and(|normal| is_behind(&self.light.profile, origin, normal)) {
+            return None;
+        }
         let (direction, density) = direction(&self.light.profile, origin, normal, u)?;
         let (edge, distance, escapes) = match self.light.profile {
             Profile::Sun { .. } => (direction * FAR, f32::INFINITY, true),
@@ -116,6 +120,21 @@ impl Emitter {
         }
         let tint = self.light.map.as_ref().map_or(Vec3::ONE, |map| map.factor(origin, edge));
         Some(LightSample { direction, distance, radiance: tint * (collected / density) })
+    }
+}
+
+/// True if all of a light is behind a surface at a place with a unit normal.
+fn is_behind(profile: &Profile, place: Vec3, normal: Vec3) -> bool {
+    match *profile {
+        Profile::Sphere(ball)
+        | Profile::FacingDisk(ball)
+        | Profile::Spot { ball, .. }
+        | Profile::StretchedSpot { ball, .. } => (ball.center - place).dot(normal) < -ball.radius,
+        Profile::Area { plane, .. } => {
+            let reach = |inverse: Vec3| 0.5 * (inverse / inverse.length_squared()).dot(normal).abs();
+            (plane.center - place).dot(normal) < -(reach(plane.inverse_u) + reach(plane.inverse_v))
+        }
+        Profile::Sun { .. } | Profile::Sheared(_) => false,
     }
 }
 
@@ -203,6 +222,7 @@ mod tests {
     use super::*;
     use crate::tests::kernels::{random_dump_of, random_lights};
     use relume_dump::SegmentClasses;
+    use relume_scene::LobeFactors;
 
     /// Fractions of the golden ratio's two-dimensional kin: points that fill the square evenly.
     fn even(i: usize) -> [f32; 2] {
@@ -283,7 +303,7 @@ mod tests {
         let emitter = Emitter::new(&light, &manifest, Balance { connected: 1, crossed: 1 }).unwrap();
         // Classes are shadow rays of all, rays that only mirrors send, and those of both sets.
         assert_eq!(usize::from(emitter.shift), 3 * manifest.receivers.len());
-        (light.lobes.diffuse, light.lobes.glossy, light.lobes.volume) = (0.0, 0.0, 0.0);
+        light.lobes = LobeFactors { camera: 1.0, diffuse: 0.0, glossy: 0.0, transmission: 0.0, volume: 0.0 };
         assert!(!Emitter::covers(&light, &manifest));
     }
 }

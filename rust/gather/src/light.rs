@@ -7,11 +7,12 @@
 
 use glam::{Mat3, Vec3};
 use relume_dump::{Lobe, RECEIVER_LIMIT};
-use relume_scene::{Light, LightShape, LobeFactors};
+use relume_scene::{Light, LightShape};
 
 use crate::GatherError;
 use crate::balance::CrossedShares;
 use crate::emission_map::PreparedMap;
+use crate::lobes::factor_of;
 use crate::piece::RayPiece;
 use crate::sheared::Sheared;
 
@@ -157,10 +158,9 @@ impl PreparedLight {
     pub fn new(light: &Light, floor: f32) -> Result<Self, GatherError> {
         let fail = |reason| GatherError::Light { name: light.name.clone(), reason };
         let (profile, scale) = profile(&light.shape, floor).map_err(fail)?;
-        let LobeFactors { camera, diffuse, glossy, transmission, volume } = light.lobes;
         let mut factors = [0.0; 8];
-        let by_lobe = [camera, diffuse, glossy, transmission, volume, glossy];
-        for (lobe, factor) in Lobe::ALL.into_iter().zip(by_lobe) {
+        for lobe in Lobe::ALL {
+            let factor = factor_of(&light.lobes, lobe);
             if !factor.is_finite() {
                 return Err(fail("a lobe factor is not finite"));
             }

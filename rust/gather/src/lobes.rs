@@ -5,6 +5,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use relume_dump::{Flags, Lobe, Shard};
 use relume_image::Image;
+use relume_scene::LobeFactors;
 
 use crate::SampleSplit;
 use crate::gather::{Gather, add};
@@ -59,8 +60,8 @@ impl LobePart {
             (Lobe::Diffuse, false) => Self::DiffuseIndirect,
             (Lobe::Glossy | Lobe::RoughGlossy, true) => Self::GlossyDirect,
             (Lobe::Glossy | Lobe::RoughGlossy, false) => Self::GlossyIndirect,
-            (Lobe::Transmission, true) => Self::TransmissionDirect,
-            (Lobe::Transmission, false) => Self::TransmissionIndirect,
+            (Lobe::Transmission | Lobe::RoughTransmission, true) => Self::TransmissionDirect,
+            (Lobe::Transmission | Lobe::RoughTransmission, false) => Self::TransmissionIndirect,
             (Lobe::Volume, true) => Self::VolumeDirect,
             (Lobe::Volume, false) => Self::VolumeIndirect,
         }
@@ -79,6 +80,17 @@ impl LobePart {
             Self::VolumeDirect => "Volume Direct",
             Self::VolumeIndirect => "Volume Indirect",
         }
+    }
+}
+
+/// Factor of a light on what a lobe sees of it.
+pub(crate) fn factor_of(factors: &LobeFactors, lobe: Lobe) -> f32 {
+    match lobe {
+        Lobe::Camera => factors.camera,
+        Lobe::Diffuse => factors.diffuse,
+        Lobe::Glossy | Lobe::RoughGlossy => factors.glossy,
+        Lobe::Transmission | Lobe::RoughTransmission => factors.transmission,
+        Lobe::Volume => factors.volume,
     }
 }
 

@@ -59,6 +59,47 @@ pub fn curtain() -> Vec<Node> {
     vec![grey(), through, Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) }]
 }
 
+/// Reddish rough glass.
+pub fn frosted(roughness: f32) -> Vec<Node> {
+    vec![Node::Glass {
+        color: Input::Rgb([0.9, 0.7, 0.5]),
+        roughness: Input::Float(roughness),
+        ior: Input::Float(1.45),
+        normal: None,
+        anisotropy: None,
+        rotation: None,
+        tangent: None,
+        film: None,
+        distribution: Distribution::Ggx,
+    }]
+}
+
+/// Half of it [`grey`], the other bluish rough refraction alone.
+pub fn refracting(roughness: f32) -> Vec<Node> {
+    let bent = Node::Refraction {
+        color: Input::Rgb([0.5, 0.7, 0.9]),
+        roughness: Input::Float(roughness),
+        ior: Input::Float(1.3),
+        normal: None,
+        distribution: Distribution::Beckmann,
+    };
+    vec![grey(), bent, Node::MixShader { factor: Input::Float(0.5), a: Some(0), b: Some(1) }]
+}
+
+/// Principled, transmission of a half, thin or not.
+pub fn principled_glass(thin_wall: f32) -> Vec<Node> {
+    let white = serde_json::json!([1.0, 1.0, 1.0]);
+    let node = serde_json::json!({
+        "type": "principled", "base_color": [0.8, 0.6, 0.4], "metallic": 0.0, "roughness": 0.5,
+        "diffuse_roughness": 0.0, "ior": 1.45, "alpha": 1.0, "subsurface_weight": 0.0, "thin_wall": thin_wall,
+        "specular_ior_level": 0.5, "specular_tint": white, "anisotropic": 0.0, "anisotropic_rotation": 0.0,
+        "transmission_weight": 0.5, "coat_weight": 0.0, "coat_roughness": 0.03, "coat_ior": 1.5, "coat_tint": white,
+        "sheen_weight": 0.0, "sheen_roughness": 0.5, "sheen_tint": white, "emission_color": white,
+        "emission_strength": 0.0, "distribution": "multi_ggx",
+    });
+    vec![serde_json::from_value(node).expect("a node")]
+}
+
 /// Reddish hair.
 pub fn hair(model: HairModel) -> Vec<Node> {
     let value = Input::Float;
@@ -91,6 +132,11 @@ pub fn fog(density: f32) -> Vec<Node> {
     let [scatter, absorption] =
         [[1.0, 0.7, 0.4], [0.1, 0.1, 0.3]].map(|color| Input::Rgb(color.map(|value| density * value)));
     vec![Node::VolumeCoefficients { absorption, scatter, emission: Input::Float(0.0), phase }]
+}
+
+/// Greenish absorption.
+pub fn tinted(density: f32) -> Vec<Node> {
+    vec![Node::VolumeAbsorption { color: Input::Rgb([0.3, 0.9, 0.6]), density: Input::Float(density) }]
 }
 
 /// Smoke whose density grows from the bottom of its object, where it is 0, to the top.
@@ -146,6 +192,39 @@ pub fn closed_box_with_strands(size: (usize, usize), nodes: Vec<Node>) -> Result
     curves.first_keys.push(curves.keys.len() as u32);
     let curves = Geometry::Curves(builder.add_curves(curves)?);
     builder.add_instance(Instance::new("strands", curves, Affine3A::IDENTITY, vec![material]))?;
+    Ok(builder.build()?)
+}
+
+/// A block before the camera of [`closed_box`].
+pub fn block() -> Mesh {
+    let mut block = box_mesh();
+    for position in &mut block.positions {
+        *position = *position * 0.25 + Vec3::new(0.0, 0.0, -0.7);
+    }
+    block
+}
+
+/// A single sheet before the camera of [`closed_box`].
+pub fn sheet() -> Mesh {
+    let corner = |i: usize| Vec3::new((i & 1) as f32 - 0.5, (i >> 1) as f32 - 0.5, -0.5);
+    let positions = (0..4).map(corner).collect();
+    Mesh { name: "sheet".into(), positions, triangles: vec![[0, 1, 3], [0, 3, 2]], ..Mesh::default() }
+}
+
+/// [`closed_box`] with a mesh of another surface, the hull of a medium that may be empty.
+pub fn closed_box_with(
+    size: (usize, usize),
+    mesh: Mesh,
+    mut nodes: Vec<Node>,
+    medium: Vec<Node>,
+) -> Result<Scene, SessionError> {
+    let mut builder = box_builder(size, vec![grey()])?;
+    let surface = last(&nodes);
+    let volume = if medium.is_empty() { None } else { Some(nodes.len() as u32) };
+    nodes.extend(medium);
+    let material = add_material(&mut builder, Material { surface, volume, nodes, ..Material::default() })?;
+    let mesh = builder.add_mesh(mesh)?;
+    builder.add_instance(Instance::new("inner", mesh, Affine3A::IDENTITY, vec![material]))?;
     Ok(builder.build()?)
 }
 

@@ -21,6 +21,7 @@ pub(crate) use self::{
     shadow_path::ShadowDifferences,
 };
 use self::{
+    emission::LitVertex,
     features::Features,
     travel::{Arrival, Route},
 };
@@ -331,16 +332,8 @@ impl Integrator<'_> {
         let vertex = Vertex::Surface { point, surface };
         let cones = guided(guide, &vertex, &mut scratch.cones);
         if S::WANTS_STATIC_LIGHT {
-            self.add_static_light(
-                path,
-                route.as_ref(),
-                vertex,
-                cones,
-                &mut scratch.shadow,
-                &mut scratch.media,
-                features,
-                draws,
-            );
+            let at = LitVertex { path, route: route.as_ref(), vertex, cones };
+            self.add_static_light(at, (&mut scratch.shadow, &mut scratch.media), features, draws);
         }
         if *counts {
             sink.meet(|| self.surface_vertex(path, route.as_ref(), point, surface));

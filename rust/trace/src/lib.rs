@@ -33,7 +33,8 @@ mod subsurface;
 mod vertex;
 
 pub use connect::{
-    ConnectScratch, LightCenter, PathVertex, PixelVertices, ShadowTarget, VertexLimits, VertexPlace,
+    ConnectScratch, LightCenter, PathVertex, PixelVertices, ShadowTarget, UnpackedVertex, VertexLimits,
+    VertexPlace,
 };
 pub use data_passes::{DataPassSettings, DataPasses, DataTracer, matte_id, murmur3};
 pub use displace::displace;

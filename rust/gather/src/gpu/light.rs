@@ -63,24 +63,14 @@ pub struct GpuLight {
     pub map_key: u32,
     pub falloff_power: f32,
     pub falloff_smooth: f32,
-    pub crossed_diffuse: f32,
-    pub crossed_rough_glossy: f32,
-    pub crossed_volume: f32,
-    pub padding: [u32; 3],
+    pub crossed: [f32; 8],
+    pub padding: [u32; 2],
 }
 
 impl GpuLight {
     /// `magnitude` is the largest coordinate in the scene, `receivers` the number of the light's set. The map is left out.
     pub(super) fn new(light: &PreparedLight, magnitude: f32, receivers: u32) -> Self {
-        let [crossed_diffuse, crossed_rough_glossy, crossed_volume] = light.crossed.0;
-        let shared = Self {
-            receivers,
-            factors: light.factors,
-            crossed_diffuse,
-            crossed_rough_glossy,
-            crossed_volume,
-            ..Self::default()
-        };
+        let shared = Self { receivers, factors: light.factors, crossed: light.crossed.0, ..Self::default() };
         match light.profile {
             Profile::Sphere(ball) => shared.with_ball(SPHERE, ball.center, ball.radius, magnitude),
             Profile::FacingDisk(ball) => shared.with_ball(FACING_DISK, ball.center, ball.radius, magnitude),
@@ -256,8 +246,7 @@ mod tests {
         relume_gpu::assert_mirror!(GpuLight as "gather/light", "Light", {
             center, kind, direction, radius, inverse_u, reach2, inverse_v, receivers, factors, cos_half_angle,
             inverse_blend, tan_half, normalisation, row_x, length_u, row_y, length_v, row_z, determinant, center_row_z,
-            map_cone, map_rows, map_width, map_height, map_key, falloff_power, falloff_smooth, crossed_diffuse,
-            crossed_rough_glossy, crossed_volume,
+            map_cone, map_rows, map_width, map_height, map_key, falloff_power, falloff_smooth, crossed,
         });
     }
 

@@ -160,7 +160,7 @@ impl GpuGather {
         let mut images = vec![Image::new(manifest.width, manifest.height, 3); lights.len()];
         for group in self.gather(lights, half)? {
             for (number, &light) in group.lights.iter().enumerate() {
-                images[light].data = self.gpu.read(&group.sums, number * values..(number + 1) * values)?;
+                self.gpu.read_into(&group.sums, number * values, &mut images[light].data)?;
             }
         }
         Ok(images)

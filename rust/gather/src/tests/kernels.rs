@@ -37,7 +37,7 @@ fn random_paths(manifest: Manifest, continuing: f32) -> Dump {
     dump(manifest, |_, _, samples: &mut TileSamples| {
         let mut before = (Lobe::Camera, 0);
         for depth in 0..1 + (random.next() * 5.0) as usize {
-            let lobe = Lobe::ALL[if depth == 0 { 0 } else { 1 + (random.next() * 5.0) as usize }];
+            let lobe = Lobe::ALL[if depth == 0 { 0 } else { 1 + (random.next() * 6.0) as usize }];
             let throughput = Vec3::new(random.next(), random.next(), random.next());
             let receiver = (random.next() * 5.0) as u16;
             let escapes = random.next() < 0.2;
@@ -237,7 +237,7 @@ fn the_halves_share_no_path_and_make_up_the_whole() {
     assert_ne!(first, second);
 }
 
-/// One path of six segments through the light at the origin, with different lobes and receivers.
+/// One path of seven segments through the light at the origin, with different lobes and receivers.
 fn crossing_dump() -> Dump {
     dump(manifest(1, &[1]), |_, _, samples: &mut TileSamples| {
         for (index, lobe) in Lobe::ALL.into_iter().enumerate() {
@@ -260,15 +260,15 @@ fn crossing_value(edit: impl FnOnce(&mut Light)) -> f32 {
 
 #[test]
 fn each_crossing_counts_once_with_the_factor_of_its_lobe() {
-    assert_eq!(crossing_value(|_| ()), 1.0 + 2.0 + 4.0 + 8.0 + 16.0 + 32.0);
+    assert_eq!(crossing_value(|_| ()), 1.0 + 2.0 + 4.0 + 8.0 + 16.0 + 32.0 + 64.0);
     let only = |lobes| crossing_value(|lamp| lamp.lobes = lobes);
     let none = LobeFactors { camera: 0.0, diffuse: 0.0, glossy: 0.0, transmission: 0.0, volume: 0.0 };
     assert_eq!(only(LobeFactors { camera: 1.0, ..none }), 1.0);
     assert_eq!(only(LobeFactors { diffuse: 0.5, ..none }), 1.0);
     assert_eq!(only(LobeFactors { glossy: 1.0, ..none }), 4.0 + 32.0);
-    assert_eq!(only(LobeFactors { transmission: 1.0, ..none }), 8.0);
+    assert_eq!(only(LobeFactors { transmission: 1.0, ..none }), 8.0 + 64.0);
     assert_eq!(only(LobeFactors { volume: 2.0, ..none }), 32.0);
-    assert_eq!(only(LobeFactors::default()), 62.0);
+    assert_eq!(only(LobeFactors::default()), 126.0);
 }
 
 #[test]

@@ -16,7 +16,9 @@ use relume_gather::{Balance, Emitter, Gather, GatherError, PreparedLight};
 use relume_image::Image;
 use relume_scene::{Light, Scene};
 use relume_trace::bvh::SceneBvh;
-use relume_trace::{ConnectScratch, PathScratch, PathVertex, PixelVertices, TraceSettings, Tracer};
+use relume_trace::{
+    ConnectScratch, PathScratch, PathVertex, PixelVertices, TraceSettings, Tracer, UnpackedVertex,
+};
 use self_cell::self_cell;
 
 use self::levels::{KEPT, Level, VERTEX_MEMORY, levels, levels_within};
@@ -311,7 +313,7 @@ impl Connections {
         layers: usize,
         block: usize,
         stop: &(dyn Fn() -> bool + Sync),
-        add: impl Fn(&PathVertex, [f32; 4], &mut ConnectScratch, &mut PixelSums<'_>) + Sync,
+        add: impl Fn(&UnpackedVertex<'_>, [f32; 4], &mut ConnectScratch, &mut PixelSums<'_>) + Sync,
     ) -> Option<Vec<Image>> {
         let tile = |tile| (!stop()).then(|| self.tile(level, tile, layers, block, &add));
         let tiles: Vec<Vec<[f32; 3]>> =
@@ -326,7 +328,7 @@ impl Connections {
         tile: usize,
         layers: usize,
         block: usize,
-        add: &impl Fn(&PathVertex, [f32; 4], &mut ConnectScratch, &mut PixelSums<'_>),
+        add: &impl Fn(&UnpackedVertex<'_>, [f32; 4], &mut ConnectScratch, &mut PixelSums<'_>),
     ) -> Vec<[f32; 3]> {
         let rect = self.manifest.tile_rect(tile);
         let traced;
@@ -346,7 +348,7 @@ impl Connections {
             let mut pixel = PixelSums { values: &mut values, pixels: rect.pixel_count(), number, scale };
             let vertices = vertices.pixel(number);
             for (vertex, numbers) in self.with_numbers(vertices, (rect.x + x, rect.y + y), level.pass) {
-                add(vertex, numbers, &mut scratch, &mut pixel);
+                add(&vertex, numbers, &mut scratch, &mut pixel);
             }
             if block > 1 {
                 let layers = values.chunks_exact_mut(rect.pixel_count());
@@ -366,7 +368,7 @@ impl Connections {
     ) {
         for (vertex, numbers) in self.with_numbers(vertices, pixel, pass) {
             for (i, light) in lights.iter().enumerate() {
-                add(i, connect(self.tracer(), vertex, light, numbers, scratch).to_array());
+                add(i, connect(self.tracer(), &vertex, light, numbers, scratch).to_array());
             }
         }
     }
@@ -377,10 +379,10 @@ impl Connections {
         vertices: &'a [PathVertex],
         pixel: (usize, usize),
         pass: Pass,
-    ) -> impl Iterator<Item = (&'a PathVertex, [f32; 4])> + use<'a> {
+    ) -> impl Iterator<Item = (UnpackedVertex<'a>, [f32; 4])> + use<'a> {
         let sampler = self.tracer().sampler(pixel);
         let numbered = vertices.iter().zip(KEPT * pass.first_sample..);
-        numbered.map(move |(vertex, number)| (vertex, sampler.draw(number, LIGHT_GROUP)))
+        numbered.map(move |(vertex, number)| (UnpackedVertex::new(vertex), sampler.draw(number, LIGHT_GROUP)))
     }
 }
 

@@ -6,7 +6,7 @@ use glam::Vec3;
 use relume_gather::{Balance, Emitter, Gather, GatherError, PreparedLight, SampleSplit};
 use relume_proxy::Rng;
 use relume_scene::Light;
-use relume_trace::ConnectScratch;
+use relume_trace::{ConnectScratch, UnpackedVertex};
 
 use crate::device::connections::{Connections, connect};
 
@@ -74,9 +74,9 @@ impl ConnectedPixels {
             let count = count.min(some.len());
             let scale = some.len() as f32 / (count.max(1) as f32 * paths as f32);
             for _ in 0..count {
-                let vertex = &some[rng.below(some.len() as u32) as usize];
+                let vertex = UnpackedVertex::new(&some[rng.below(some.len() as u32) as usize]);
                 let numbers = std::array::from_fn(|_| rng.next_f32());
-                sum += scale * connect(self.connections.tracer(), vertex, light, numbers, scratch);
+                sum += scale * connect(self.connections.tracer(), &vertex, light, numbers, scratch);
             }
         }
         sum.to_array()

@@ -8,6 +8,7 @@ pub struct Classes {
     glossy: Vec3,
     rough_glossy: Vec3,
     transmitted: Vec3,
+    rough_transmitted: Vec3,
 }
 
 /// Class that lights are collected under ([`super::BsdfSample::light`]).
@@ -33,6 +34,7 @@ impl Classes {
             Lobe::Glossy => &mut self.glossy,
             Lobe::RoughGlossy => &mut self.rough_glossy,
             Lobe::Transmission => &mut self.transmitted,
+            Lobe::RoughTransmission => &mut self.rough_transmitted,
             _ => &mut self.diffuse,
         };
         *own += value;
@@ -40,7 +42,7 @@ impl Classes {
 
     /// Value of all of them.
     pub fn sum(&self) -> Vec3 {
-        self.diffuse + self.glossy + self.rough_glossy + self.transmitted
+        self.diffuse + self.glossy + self.rough_glossy + self.transmitted + self.rough_transmitted
     }
 
     /// One of the classes, by a number in 0..1: each as often as it is of the value.
@@ -53,6 +55,7 @@ impl Classes {
         };
         let classes = [
             (Lobe::Transmission, self.transmitted),
+            (Lobe::RoughTransmission, self.rough_transmitted),
             (Lobe::Glossy, self.glossy),
             (Lobe::RoughGlossy, self.rough_glossy),
         ];
@@ -66,6 +69,8 @@ impl Classes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bsdf::tests::{Random, facing, microfacet};
+    use crate::bsdf::{Fresnel, Interface, SlopeDistribution};
 
     #[test]
     fn classes_have_the_mean_of_their_values_however_small() {
@@ -86,6 +91,36 @@ mod tests {
                 assert!((means[0] - expected).abs().max_element() < 1e-3, "{} for {expected}", means[0]);
                 assert!((means[0] + means[1] - 1.0).abs().max_element() < 1e-3, "{means:?}");
             }
+        }
+    }
+
+    #[test]
+    fn each_side_of_glass_has_a_class_of_its_own_by_roughness() {
+        let (glossy, transmitted) = (Lobe::Glossy as usize, Lobe::Transmission as usize);
+        let (rough_glossy, rough_transmitted) =
+            (Lobe::RoughGlossy as usize, Lobe::RoughTransmission as usize);
+        let wo = Vec3::new(0.3, -0.4, 0.8).normalize();
+        for (alpha, expected) in [(0.3, [rough_glossy, rough_transmitted]), (0.05, [glossy, transmitted])] {
+            let glass = microfacet(
+                SlopeDistribution::Ggx,
+                Interface::Glass,
+                (alpha, alpha),
+                1.5,
+                Fresnel::Dielectric,
+            );
+            let mut surface = facing(wo);
+            surface.add(Vec3::ONE, Vec3::ONE, Vec3::Z, glass);
+            let mut random = Random(5);
+            let mut counts = [0; 8];
+            for _ in 0..2000 {
+                let Some(sample) = surface.sample(random.next3()) else { continue };
+                assert_eq!(sample.lobe == Lobe::Transmission, sample.wi.z < 0.0);
+                assert_eq!(sample.light.lobe.ray_kind(), sample.lobe);
+                assert_eq!(sample.light.tint, Vec3::ONE);
+                counts[sample.light.lobe as usize] += 1;
+            }
+            let seen: Vec<usize> = (0..counts.len()).filter(|lobe| counts[*lobe] > 0).collect();
+            assert!(expected.iter().all(|lobe| seen.contains(lobe)) && seen.len() == 2, "{counts:?}");
         }
     }
 }

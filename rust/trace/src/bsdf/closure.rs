@@ -215,21 +215,38 @@ impl Closure {
     /// Class that lights along `wi` are collected under, as Cycles parts closures where it samples lights: translucent ones are
     /// diffuse, and Principled Hair is glossy, in all directions.
     pub fn light_lobe(&self, wi: Vec3) -> Lobe {
+        let transmission = |is_rough| if is_rough { Lobe::RoughTransmission } else { Lobe::Transmission };
         match &self.scatter {
-            Scatter::Microfacet(_) if self.normal.dot(wi) < 0.0 => Lobe::Transmission,
-            Scatter::ThroughSheet(_) | Scatter::Transparent | Scatter::Portal(_) => Lobe::Transmission,
+            Scatter::Microfacet(model) if self.normal.dot(wi) < 0.0 => transmission(model.is_rough()),
+            Scatter::Microfacet(model) if model.is_rough() => Lobe::RoughGlossy,
+            Scatter::ThroughSheet(model) => transmission(model.is_rough()),
+            Scatter::Transparent | Scatter::Portal(_) => Lobe::Transmission,
+            Scatter::Hair(Hair::Chiang(_) | Hair::Huang(_)) => Lobe::RoughGlossy,
             Scatter::Hair(Hair::Lobe(model)) => model.light_lobe(),
-            _ => self.connected_lobe().unwrap_or(Lobe::Glossy),
+            _ if self.is_diffuse() => Lobe::Diffuse,
+            _ => Lobe::Glossy,
         }
     }
 
-    /// Class of all that it scatters, if that is one of [`Lobe::CONNECTED`].
-    pub fn connected_lobe(&self) -> Option<Lobe> {
-        match &self.scatter {
-            Scatter::Microfacet(model) => model.is_rough().then_some(Lobe::RoughGlossy),
-            Scatter::Hair(Hair::Chiang(_) | Hair::Huang(_)) => Some(Lobe::RoughGlossy),
-            _ => self.is_diffuse().then_some(Lobe::Diffuse),
+    /// True if lights along some directions that have a density are collected under a lobe of [`Lobe::CONNECTED`].
+    pub fn is_connected_by(&self, lobe: Lobe) -> bool {
+        match (lobe, &self.scatter) {
+            (Lobe::Diffuse, _) => self.is_diffuse(),
+            (Lobe::RoughGlossy, Scatter::Microfacet(model)) => {
+                model.interface != Interface::Refraction && model.is_rough()
+            }
+            (Lobe::RoughGlossy, Scatter::Hair(model)) => !matches!(model, Hair::Lobe(_)),
+            (Lobe::RoughTransmission, Scatter::Microfacet(model)) => {
+                model.interface != Interface::Reflection && !model.is_unbending() && model.is_rough()
+            }
+            (Lobe::RoughTransmission, Scatter::ThroughSheet(model)) => model.is_rough(),
+            _ => false,
         }
+    }
+
+    /// True if lights are connected to it.
+    pub fn is_connected(&self) -> bool {
+        Lobe::CONNECTED.into_iter().any(|lobe| self.is_connected_by(lobe))
     }
 
     /// True if it scatters to all sides, whatever the surface's normals are.

@@ -45,7 +45,7 @@ impl Viewpoint {
 impl Surface {
     /// Its closures that lights are connected to; nothing if it has none.
     pub(crate) fn connected_part(&self) -> Option<ConnectedPart> {
-        let connected = || self.closures.iter().filter(|closure| closure.connected_lobe().is_some());
+        let connected = || self.closures.iter().filter(|closure| closure.is_connected());
         connected().next()?;
         let is_lambert = |closure: &&Closure| {
             matches!(closure.scatter, Scatter::Diffuse) && self.terminator.is_at_horizon()

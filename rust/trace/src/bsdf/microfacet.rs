@@ -15,7 +15,7 @@ use super::frame::ShadingFrame;
 use super::fresnel::{self, Conductor, F82};
 use super::normal::{SampleReach, SideNormals};
 
-/// Least width of facets that lights are connected to. Narrower ones reflect so few directions that points on a light miss them.
+/// Least width of facets that lights are connected to. Narrower ones scatter to so few directions that points on a light miss them.
 const LEAST_ROUGH_ALPHA: f32 = 0.1;
 
 /// Side that light can leave to.
@@ -91,10 +91,10 @@ impl Microfacet {
         (self.distribution.alpha_x * self.distribution.alpha_y).sqrt().sqrt()
     }
 
-    /// True if it reflects so widely that lights are connected to it.
+    /// True if it scatters so widely that lights are connected to it.
     pub fn is_rough(&self) -> bool {
         let MicrofacetDistribution { alpha_x, alpha_y, .. } = self.distribution;
-        self.interface == Interface::Reflection && alpha_x.min(alpha_y) >= LEAST_ROUGH_ALPHA
+        alpha_x.min(alpha_y) >= LEAST_ROUGH_ALPHA
     }
 
     /// True if only single directions scatter, so that [`Self::eval`] is zero everywhere.

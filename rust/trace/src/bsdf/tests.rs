@@ -49,7 +49,7 @@ pub(super) fn facing(wo: Vec3) -> Surface {
     surface
 }
 
-fn microfacet(
+pub(super) fn microfacet(
     shape: SlopeDistribution,
     interface: Interface,
     alpha: (f32, f32),

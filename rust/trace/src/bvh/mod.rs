@@ -70,7 +70,7 @@ impl From<Lobe> for RayKind {
             Lobe::Camera => Self::Camera,
             Lobe::Diffuse => Self::Diffuse,
             Lobe::Glossy | Lobe::RoughGlossy => Self::Glossy,
-            Lobe::Transmission => Self::Transmission,
+            Lobe::Transmission | Lobe::RoughTransmission => Self::Transmission,
             Lobe::Volume => Self::Volume,
         }
     }

@@ -14,7 +14,7 @@ use relume_scene::ReceiverSet;
 
 pub use self::equiangular::LightCenter;
 pub(crate) use self::vertex::{HomogeneousFlight, PathAtVertex};
-pub use self::vertex::{PathVertex, VertexPlace};
+pub use self::vertex::{PathVertex, UnpackedVertex, VertexPlace};
 use crate::{
     bsdf::Surface,
     integrator::{PathScratch, PathSink},
@@ -100,7 +100,7 @@ impl Tracer<'_> {
     /// each of [`relume_dump::Lobe::CONNECTED`]. The numbers in 0..1 decide about its way through media.
     pub fn connect(
         &self,
-        vertex: &PathVertex,
+        vertex: &UnpackedVertex<'_>,
         place: VertexPlace,
         ShadowTarget { direction, distance, blockers }: ShadowTarget<'_>,
         factors: ByConnectedLobe<f32>,
@@ -120,10 +120,10 @@ impl Tracer<'_> {
             materials: &integrator.materials,
             environment: &integrator.environment,
             see_through: &integrator.see_through,
-            ray: vertex.ray_info(),
-            receiver: vertex.receiver(),
+            ray: vertex.packed.ray_info(),
+            receiver: vertex.packed.receiver(),
             cones: None,
-            transparent_left: vertex.transparent_left(),
+            transparent_left: vertex.packed.transparent_left(),
             catchers_only: false,
             media: media.map(|media| {
                 self.shadow_media(media, (vertex, place, direction), numbers, &mut scratch.media)
@@ -138,18 +138,18 @@ impl Tracer<'_> {
     fn shadow_media<'s>(
         &'s self,
         media: &'s Media,
-        (vertex, place, direction): (&PathVertex, VertexPlace, Vec3),
+        (vertex, place, direction): (&UnpackedVertex<'_>, VertexPlace, Vec3),
         [u, v, _, w]: [f32; 4],
         scratch: &'s mut MediaScratch,
     ) -> ShadowMedia<'s> {
-        let ray = vertex.ray_info().shadow_from(place.position);
+        let ray = vertex.packed.ray_info().shadow_from(place.position);
         let (scene, materials) = (self.integrator.scene, &self.integrator.materials);
-        let mut stack = vertex.around().map_or_else(|| media.outside(), VolumeStack::of);
+        let mut stack = vertex.packed.around().map_or_else(|| media.outside(), VolumeStack::of);
         if let Some((triangle, leaves)) = vertex.comes_through(direction) {
             media.cross_at(scene, triangle, leaves, &mut stack);
         }
         ShadowMedia {
-            space: MediaSpace { scene, materials, media, time: vertex.time(), ray },
+            space: MediaSpace { scene, materials, media, time: vertex.packed.time(), ray },
             stack,
             crossing: HullCrossing::default(),
             numbers: TrackingNumbers::seeded([u, v, w]),

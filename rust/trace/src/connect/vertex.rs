@@ -1,15 +1,16 @@
+mod unpacked;
+
 use std::sync::Arc;
 
 use glam::Vec3;
-use relume_dump::{
-    ByConnectedLobe, Lobe, decode_direction, decode_rgb9e5, dither, encode_direction, encode_rgb9e5,
-};
+use relume_dump::{ByConnectedLobe, Lobe, decode_rgb9e5, dither, encode_direction, encode_rgb9e5};
 use relume_scene::{BumpShadowing, Scene};
 
+pub use self::unpacked::UnpackedVertex;
 use super::equiangular::{Equiangular, LightCenter};
 use crate::{
-    bsdf::{Closure, Lambert, SampleReach, SideNormals, Surface, Viewpoint, lambert},
-    bvh::{Ray, RayKind},
+    bsdf::{Closure, Lambert, Surface, Viewpoint},
+    bvh::Ray,
     media::{MediumSample, VolumeStack},
     path::PathState,
     ray_offset::{offset_for_terminator, offset_origin},
@@ -224,13 +225,6 @@ impl PathVertex {
         self.first_lobe
     }
 
-    /// Unit normal of the only half space that it scatters light from; none where there is no such.
-    pub fn normal(&self) -> Option<Vec3> {
-        let is_open = |parts: &SurfaceParts| parts.transmits || !parts.has_one_normal;
-        let has_none = self.medium().is_some() || self.surface().is_some_and(is_open);
-        (!has_none).then(|| decode_direction(self.normal))
-    }
-
     /// Bytes of memory.
     pub fn bytes(&self) -> usize {
         let rare = self.rare.as_ref().map_or(0, |rare| {
@@ -248,12 +242,12 @@ impl PathVertex {
     }
 
     /// True for each of [`relume_dump::Lobe::CONNECTED`] by which it scatters.
-    pub fn lobes(&self) -> ByConnectedLobe<bool> {
+    fn lobes(&self) -> ByConnectedLobe<bool> {
         if self.medium().is_some() {
             return Lobe::CONNECTED.map(|lobe| lobe == Lobe::Volume);
         }
         let closures = self.surface().map_or(&[][..], |parts| &parts.closures);
-        let has = |lobe| closures.iter().any(|closure| closure.connected_lobe() == Some(lobe));
+        let has = |lobe| closures.iter().any(|closure| closure.is_connected_by(lobe));
         Lobe::CONNECTED.map(|lobe| has(lobe) || (lobe == Lobe::Diffuse && self.weight != 0))
     }
 
@@ -315,74 +309,6 @@ impl PathVertex {
             }
             _ => Some(here),
         }
-    }
-
-    /// Contribution to the pixel at a place of it of light from the unit direction `wi`, of radiance `factors` per steradian for each of
-    /// [`relume_dump::Lobe::CONNECTED`], if nothing is in between, and the ray that tells whether something is; nothing where
-    /// none is scattered.
-    pub(super) fn scatter(
-        &self,
-        place: VertexPlace,
-        wi: Vec3,
-        factors: ByConnectedLobe<f32>,
-    ) -> Option<(Vec3, Ray)> {
-        let (scattered, ray) = match self.medium() {
-            Some((medium, travel)) => {
-                let (value, _) = medium.eval(travel, wi);
-                let weight = factors[2] * decode_rgb9e5(self.weight) * place.factor;
-                (weight * value, Ray::new(place.position, wi))
-            }
-            None => (self.scattered(wi, factors), self.ray_towards(wi)?),
-        };
-        let is_some = scattered.max_element() > 0.0 && scattered.is_finite();
-        let shadow = (RayKind::Shadow, self.catchers_only);
-        is_some.then(|| (scattered, Ray { kind: shadow.0, catchers_only: shadow.1, ..ray.at(self.time) }))
-    }
-
-    /// Light from the unit direction `wi` that a surface scatters, see [`Self::scatter`].
-    fn scattered(&self, wi: Vec3, factors: ByConnectedLobe<f32>) -> Vec3 {
-        let sides = self.sides();
-        let mut scattered = Vec3::ZERO;
-        if self.weight != 0 && factors[0] != 0.0 && sides.reach(wi, false).is_some() {
-            let normal = decode_direction(self.normal);
-            scattered =
-                decode_rgb9e5(self.weight) * (factors[0] * lambert(self.bumps, sides.shading, normal, wi));
-        }
-        let Some(parts) = self.surface() else { return scattered };
-        for closure in &parts.closures {
-            let factor =
-                if closure.connected_lobe() == Some(Lobe::Diffuse) { factors[0] } else { factors[1] };
-            if factor != 0.0 && closure.is_lit(sides, wi) {
-                let (value, _) = parts.viewpoint.eval(closure, sides.shading, wi);
-                scattered += closure.weight * value * factor;
-            }
-        }
-        scattered
-    }
-
-    /// A ray from the surface in the unit direction `wi`; nothing where none is scattered.
-    fn ray_towards(&self, wi: Vec3) -> Option<Ray> {
-        let sides = self.sides();
-        let parts = self.surface();
-        let (side, lifted) = match sides.reach(wi, false) {
-            Some(SampleReach::Lights) => (-sides.geometric, parts.and_then(|parts| parts.between)),
-            Some(_) => (sides.geometric, None),
-            None if parts.is_some_and(|parts| parts.transmits) => (-sides.geometric, None),
-            None => return None,
-        };
-        let origin = lifted.unwrap_or(self.position + side * self.offset);
-        Some(Ray { from: lifted.is_none().then_some(self.primitive), ..Ray::new(origin, wi) })
-    }
-
-    /// The triangle that light from the unit direction `wi` comes through, if that is behind the surface, and whether the path came
-    /// from there.
-    pub(super) fn comes_through(&self, wi: Vec3) -> Option<((u32, u32), bool)> {
-        let parts = self.surface()?;
-        self.sides().reach(wi, false).is_none().then_some((self.primitive, parts.backfacing))
-    }
-
-    fn sides(&self) -> SideNormals {
-        SideNormals { geometric: decode_direction(self.geometric), shading: decode_direction(self.shading) }
     }
 
     /// The path's ray that met it, as far as its shadow rays tell shaders of it.

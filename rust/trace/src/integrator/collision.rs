@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Features, GUIDE_GROUP, Integrator, PathScratch, PathSink, Walk, guided};
+use super::{Features, GUIDE_GROUP, Integrator, PathScratch, PathSink, Walk, emission::LitVertex, guided};
 use crate::{
     bvh::{Ray, RayKind},
     guide::Guide,
@@ -39,16 +39,8 @@ impl Integrator<'_> {
         let vertex = Vertex::Medium { position, direction: travel, time, medium: &medium };
         let cones = guided(guide, &vertex, &mut scratch.cones);
         if S::WANTS_STATIC_LIGHT {
-            self.add_static_light(
-                &walk.path,
-                walk.route.as_ref(),
-                vertex,
-                cones,
-                &mut scratch.shadow,
-                &mut scratch.media,
-                features,
-                draws,
-            );
+            let at = LitVertex { path: &walk.path, route: walk.route.as_ref(), vertex, cones };
+            self.add_static_light(at, (&mut scratch.shadow, &mut scratch.media), features, draws);
         }
         if walk.counts {
             sink.meet(|| self.medium_vertex(walk, position, &medium));

@@ -19,6 +19,17 @@ use crate::{
 /// Added to a vertex's first group: numbers of the light that Fast GI adds.
 const OPEN_GROUP: u32 = 5 << 29;
 
+/// Vertex of a path where light of the scene's own emitters arrives.
+#[derive(Clone, Copy)]
+pub(super) struct LitVertex<'a> {
+    pub path: &'a PathState,
+    /// Place among the media of the scene, if it has any.
+    pub route: Option<&'a Route>,
+    pub vertex: Vertex<'a>,
+    /// Cones towards lights, where paths are guided from there.
+    pub cones: Option<&'a Cones>,
+}
+
 impl Integrator<'_> {
     /// Adds what a surface that the path met emits.
     pub(super) fn collect_emission(
@@ -39,20 +50,18 @@ impl Integrator<'_> {
         }
     }
 
-    /// Adds light that comes straight from the scene's own emitters to a vertex.
+    /// Adds light that comes straight from the scene's own emitters to a vertex. `shadow` and `scratch` are memory for what shadow rays
+    /// meet.
     pub(super) fn add_static_light(
         &self,
-        path: &PathState,
-        route: Option<&Route>,
-        vertex: Vertex<'_>,
-        cones: Option<&Cones>,
-        shadow: &mut Surface,
-        scratch: &mut MediaScratch,
+        at: LitVertex<'_>,
+        (shadow, scratch): (&mut Surface, &mut MediaScratch),
         features: &mut Features,
         draws: Draws,
     ) {
         let Some(lights) = &self.lights else { return };
-        let mut tracer = self.shadow_tracer(path, route, vertex, cones, scratch, draws.at(SHADOW_GROUP));
+        let LitVertex { path, vertex, .. } = at;
+        let mut tracer = self.shadow_tracer(at, scratch, draws.at(SHADOW_GROUP));
         let on_film = path.throughput * self.settings.film_exposure;
         match lights.sample_direct(&mut tracer, vertex, shadow, on_film, draws.at(1)) {
             Some(StaticSample::Emission(light)) => features.sample.emission += path.throughput * light,
@@ -63,8 +72,7 @@ impl Integrator<'_> {
             && !path.catchers_only
         {
             let [u, v, ..] = draws.at(OPEN_GROUP);
-            let mut tracer =
-                self.shadow_tracer(path, route, vertex, cones, scratch, draws.at(OPEN_GROUP + 1));
+            let mut tracer = self.shadow_tracer(at, scratch, draws.at(OPEN_GROUP + 1));
             let light = lights.sample_open(&mut tracer, vertex, distance, shadow, [u, v]);
             features.sample.emission += path.throughput * light.unwrap_or(Vec3::ZERO) * factor;
         }
@@ -73,10 +81,7 @@ impl Integrator<'_> {
     /// Scene access of a shadow ray from a vertex, with numbers for media on its way.
     fn shadow_tracer<'s>(
         &'s self,
-        path: &PathState,
-        route: Option<&Route>,
-        vertex: Vertex<'_>,
-        cones: Option<&'s Cones>,
+        LitVertex { path, route, vertex, cones }: LitVertex<'s>,
         scratch: &'s mut MediaScratch,
         numbers: [f32; 4],
     ) -> ShadowTracer<'s> {

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use relume_dump::ByConnectedLobe;
 use relume_gather::{Emitter, LightSample};
-use relume_trace::{ConnectScratch, LightCenter, PathVertex, ShadowTarget, Tracer, VertexPlace};
+use relume_trace::{ConnectScratch, LightCenter, ShadowTarget, Tracer, UnpackedVertex, VertexPlace};
 
 /// Least share of a light that is connected at each vertex. Below it, fewer vertices are connected in its place.
 const LEAST_SHARE: f32 = 0.1;
@@ -11,7 +11,7 @@ const LEAST_SHARE: f32 = 0.1;
 /// Light of one point on a light at a vertex, as it adds to the pixel, by numbers in 0..1.
 pub(crate) fn connect(
     tracer: &Tracer<'_>,
-    vertex: &PathVertex,
+    vertex: &UnpackedVertex<'_>,
     light: &Emitter,
     numbers: [f32; 4],
     scratch: &mut ConnectScratch,
@@ -22,7 +22,7 @@ pub(crate) fn connect(
 
 /// A vertex and a point on a light.
 pub(super) struct Connection<'a> {
-    vertex: &'a PathVertex,
+    vertex: &'a UnpackedVertex<'a>,
     light: &'a Emitter,
     place: VertexPlace,
     sample: LightSample,
@@ -33,13 +33,13 @@ pub(super) struct Connection<'a> {
 
 impl<'a> Connection<'a> {
     /// Chooses a point by numbers in 0..1; nothing if none of the light counts.
-    pub fn new(vertex: &'a PathVertex, light: &'a Emitter, numbers: [f32; 4]) -> Option<Self> {
+    pub fn new(vertex: &'a UnpackedVertex<'a>, light: &'a Emitter, numbers: [f32; 4]) -> Option<Self> {
         let [u, v, chance, w] = numbers;
-        let (counts, factors) = (vertex.lobes(), light.factors(vertex.receiver()));
+        let (counts, factors) = (vertex.lobes(), light.factors(vertex.packed.receiver()));
         let lobes = (0..counts.len()).filter(|lobe| counts[*lobe] && factors[*lobe] != 0.0);
         lobes.clone().next()?;
         let center = light.center().map(|(position, radius)| LightCenter { position, radius });
-        let place = vertex.place(center, w)?;
+        let place = vertex.packed.place(center, w)?;
         let sample = light.sample(place.position, vertex.normal(), [u, v])?;
         let shares = light.shares(place.position, sample.direction);
         let most = lobes.clone().map(|lobe| shares[lobe]).fold(0.0, f32::max);

@@ -4,7 +4,7 @@ use glam::Vec3;
 use relume_dump::{ByConnectedLobe, Lobe};
 use relume_gather::{Emitter, Gather, LobePart};
 use relume_image::Image;
-use relume_trace::{ConnectScratch, PathVertex, Tracer};
+use relume_trace::{ConnectScratch, Tracer, UnpackedVertex};
 
 use super::Connections;
 use super::connection::Connection;
@@ -46,15 +46,15 @@ impl Connections {
 /// Light of one point on a light at a vertex for each of [`Lobe::CONNECTED`], and the part that it counts for.
 fn connect_parts(
     tracer: &Tracer<'_>,
-    vertex: &PathVertex,
+    vertex: &UnpackedVertex<'_>,
     light: &Emitter,
     numbers: [f32; 4],
     scratch: &mut ConnectScratch,
 ) -> ByConnectedLobe<(LobePart, Vec3)> {
-    let is_direct = vertex.first_lobe() == Lobe::Camera;
+    let is_direct = vertex.packed.first_lobe() == Lobe::Camera;
     let found = Connection::new(vertex, light, numbers);
     std::array::from_fn(|lobe| {
-        let first = if is_direct { Lobe::CONNECTED[lobe] } else { vertex.first_lobe() };
+        let first = if is_direct { Lobe::CONNECTED[lobe] } else { vertex.packed.first_lobe() };
         let value = found.as_ref().map_or(Vec3::ZERO, |found| {
             let mut only = ByConnectedLobe::default();
             only[lobe] = found.weights[lobe];

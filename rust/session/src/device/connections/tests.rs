@@ -1,7 +1,8 @@
 use super::*;
 use crate::test_box::{
-    bulbs, closed_box_around, closed_box_of, closed_box_with_strands, curtain, floor_in, fog, glossy,
-    glossy_grey, grey, hair, red, smoke,
+    block, bulbs, closed_box_around, closed_box_of, closed_box_with, closed_box_with_strands, curtain,
+    floor_in, fog, frosted, glossy, glossy_grey, grey, hair, principled_glass, red, refracting, sheet, smoke,
+    tinted,
 };
 use glam::Affine3A;
 use relume_dump::MemoryWriter;
@@ -38,6 +39,33 @@ fn connected_light_of_media_behind_translucent_surfaces_has_the_mean_of_crossing
     scene.materials[0].volume = Some(first);
     let behind = LightShape::Sphere { center: Vec3::new(0.2, 0.2, -1.4), radius: 0.1 };
     compare_with_crossings(scene, 1024, &[Light::unit(behind), bulbs(1).remove(0)]);
+}
+
+#[test]
+fn connected_light_of_rough_glass_has_the_mean_of_crossings_and_less_noise() {
+    let bulb =
+        |y: f32, z: f32, radius| Light::unit(LightShape::Sphere { center: Vec3::new(0.05, y, z), radius });
+    // In the block, behind it, before it, and above, so large that crossings count; all but one are behind the sheet.
+    let lights = [
+        bulb(0.02, -0.7, 0.04),
+        bulb(0.02, -0.98, 0.015),
+        bulb(0.02, -0.4, 0.04),
+        bulb(0.5, -0.7, 0.15),
+        bulbs(1).remove(0),
+    ];
+    let scenes = [
+        (sheet(), frosted(0.5), vec![]),
+        (sheet(), principled_glass(1.0), vec![]),
+        (block(), frosted(0.7), vec![]),
+        (block(), refracting(0.4), vec![]),
+        (block(), principled_glass(0.0), vec![]),
+        (block(), frosted(0.5), tinted(3.0)),
+    ];
+    for (mesh, nodes, medium) in scenes {
+        let scene = closed_box_with((24, 24), mesh, nodes, medium).unwrap();
+        let noise = compare_with_crossings(scene, 2048, &lights);
+        assert!(noise.iter().all(|noise| *noise < 0.8), "{noise:?}");
+    }
 }
 
 #[test]
