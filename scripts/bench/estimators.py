@@ -21,7 +21,7 @@ TEXT = """# Quality of a light's picture
 
 Made by `scripts/bench/estimators.py` from `quality.json`. A sphere stands at random on a segment of the paths. Its
 radius is a share of half the diagonal of what the paths reach. *Crossings* count the segments that meet the light.
-*Connection* sends shadow rays from vertices of the same paths, and counts crossings for smooth surfaces and glass.
+*Connection* sends shadow rays from vertices of the same paths, and counts crossings for smooth gloss and glass.
 Close to large lights both count, each by its share (`rust/gather/src/balance.rs`).
 
 The reference is the mean of two bakes of {reference} paths in all, guided towards the light, connected and denoised.
@@ -30,6 +30,13 @@ lights, PSNR in dB after Reinhard's curve. Seconds are those of one light's sum 
 already, on {cores} shared cores.{loaded}
 
 {table}
+
+## Shadow rays
+
+Made by `scripts/bench/estimators.py SCENE --shadow-rays`: vertices of all bounces connected to the middle of a small
+sphere that they face, on one thread. The same rays through the trees alone bound that from above.
+
+{rays}
 
 ## Proxies
 
@@ -41,6 +48,8 @@ thread's processor. Means are over unseen lights of all sizes that were learned.
 """
 PICTURES = ["crossings", "denoised", "connection", "denoised", "reference's own"]
 PROXY_HEAD = ["scene", "light", "network", "s of training", "proxy", "SMAPE", "crossings", "SMAPE", "MB of its file"]
+SPEED = "shadow_rays_per_second"
+RAYS_HEAD = ["scene", "connections, millions a second", "bare rays, millions a second", "share"]
 HEAD = ["scene", "radius", "paths", *PICTURES, "s by crossings", "s by connection"]
 
 
@@ -50,6 +59,7 @@ def parse_arguments():
     parser.add_argument("scenes", nargs="*", type=Path, help="scene files; without any, only the page is written")
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/relume-estimators")
     parser.add_argument("--reference", type=int, default=1024, help="paths per pixel of the reference")
+    parser.add_argument("--shadow-rays", action="store_true", help="measure the speed of shadow rays alone")
     return parser.parse_known_args()
 
 
@@ -58,16 +68,21 @@ def measured(scene, args, more):
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "records.json"
         command = [args.program, scene, "--out", out, "--reference", args.reference, *more]
+        if args.shadow_rays:
+            command.append("--shadow-rays")
         subprocess.run([str(word) for word in command], check=True)
         records = json.loads(out.read_text())
     about = {"device": f"CPU, {os.cpu_count()} cores", "date": datetime.date.today().isoformat()}
-    return [record | about | {"reference_samples": args.reference} for record in records]
+    if not args.shadow_rays:
+        about["reference_samples"] = args.reference
+    return [record | about for record in records]
 
 
 def page(records):
     """The page of kept records."""
     trainings = [record for record in records if "train_seconds" in record]
-    records = [record for record in records if "train_seconds" not in record]
+    rays = [record for record in records if SPEED in record]
+    records = [record for record in records if "psnr" in record and "train_seconds" not in record]
     groups = {}
     for record in records:
         groups.setdefault((record["scene"], record["light_size"], record["samples"]), []).append(record)
@@ -96,7 +111,17 @@ def page(records):
         paths=trainings[0]["samples"],
         proxy_reference=min(record["reference_samples"] for record in trainings),
         proxies=proxies_table(trainings),
+        rays=rays_table(rays),
     )
+
+
+def rays_table(records):
+    """The table of speeds of shadow rays."""
+    lines = []
+    for record in sorted(records, key=lambda record: record["scene"]):
+        ours, bare = record[SPEED], record["bare_rays_per_second"]
+        lines.append([record["scene"], f"{ours / 1e6:.1f}", f"{bare / 1e6:.1f}", f"{ours / bare:.0%}"])
+    return rows(RAYS_HEAD, lines)
 
 
 def proxies_table(records):
@@ -129,7 +154,9 @@ def main():
     for scene in args.scenes:
         keep(
             measured(scene, args, more),
-            lambda old, name=scene.stem: old["scene"] == name and "train_seconds" not in old,
+            lambda old, name=scene.stem: (
+                old["scene"] == name and "train_seconds" not in old and (SPEED in old) == args.shadow_rays
+            ),
         )
     keep([], lambda _: False)
 

@@ -25,6 +25,7 @@ use relume_trace::{Control, TraceSettings, Tracer};
 use figure::Figure;
 use gather::on_gpu::PAPER;
 use networks::NetworkExtent;
+pub use rays::rays_per_second;
 pub use record::FigureRecord;
 use record::today;
 use scenes::closed_box;

@@ -103,8 +103,8 @@ fn obvhs_ray(ray: &Ray) -> obvhs::ray::Ray {
     obvhs::ray::Ray::new(Vec3A::from(ray.origin), Vec3A::from(ray.direction), ray.t_min, f32::MAX)
 }
 
-/// Rays per second of the fastest of several repetitions.
-pub fn rays_per_second(rays: &[Ray], trace: impl Fn(&Ray) -> bool) -> f64 {
+/// Rays, or what else is traced, per second of the fastest of several repetitions.
+pub fn rays_per_second<R>(rays: &[R], mut trace: impl FnMut(&R) -> bool) -> f64 {
     let mut best = vec![f64::INFINITY; rays.len().div_ceil(BATCH)];
     for _ in 0..REPEATS {
         for (batch, seconds) in rays.chunks(BATCH).zip(&mut best) {

@@ -8,12 +8,17 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Parser;
 use glam::Vec3;
-use relume_dump::{Dump, End, MemoryWriter};
+use relume_bench::rays_per_second;
+use relume_dump::{ByConnectedLobe, Dump, End, Lobe, MemoryWriter, Pass};
 use relume_image::metrics::{Quality, quality};
 use relume_image::{BitDepth, Image, ViewTransform, write_png};
 use relume_proxy::Rng;
 use relume_scene::{Light, LightShape, Scene};
-use relume_session::trace::{Control, TraceSettings, Tracer};
+use relume_session::trace::bvh::{Ray, RayKind};
+use relume_session::trace::{
+    ConnectScratch, Control, LightCenter, PathScratch, ShadowTarget, TraceSettings, Tracer, UnpackedVertex,
+    VertexLimits,
+};
 use relume_session::{Method, Monitor, RelightOptions, Relighter, SceneFile};
 use serde::Serialize;
 
@@ -44,6 +49,19 @@ struct Args {
     /// Seed of the lights.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Measures the speed of shadow rays alone.
+    #[arg(long)]
+    shadow_rays: bool,
+}
+
+/// Speed of the shadow rays to a small sphere on one thread.
+#[derive(Serialize)]
+struct ShadowRays {
+    scene: String,
+    /// Vertices that the light is connected to, a second.
+    shadow_rays_per_second: f64,
+    /// Speed of the same rays through the trees alone.
+    bare_rays_per_second: f64,
 }
 
 /// Errors of one light's picture.
@@ -72,6 +90,11 @@ fn main() -> Result<()> {
     let file = SceneFile::read(&args.scene)?;
     let scene = Arc::new(file.scene);
     let name = args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    if args.shadow_rays {
+        let measured = shadow_rays(&scene, name, args.seed)?;
+        println!("{}", serde_json::to_string(&measured)?);
+        return std::fs::write(&args.out, serde_json::to_string(&[measured])?).context("write the records");
+    }
     let most = args.samples.iter().copied().max().unwrap_or(1);
     let dump = traced(&scene, most, 1, Vec::new())?;
     let mut records = Vec::new();
@@ -133,6 +156,43 @@ fn main() -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Light of every lobe.
+const ALL_LOBES: ByConnectedLobe<f32> = [1.0; Lobe::CONNECTED.len()];
+/// Paths per pixel whose vertices are connected to measure the speed of it.
+const PATHS: u32 = 4;
+
+/// Connects the vertices of a few paths to the middle of a light that they face.
+fn shadow_rays(scene: &Scene, name: String, seed: u64) -> Result<ShadowRays> {
+    let dump = traced(scene, PATHS, 1, Vec::new())?;
+    let LightShape::Sphere { center, radius } = random_light(&dump, 0.01, seed).shape else { unreachable!() };
+    let tracer = Tracer::new(scene, &TraceSettings::default())?;
+    let (width, height) = (scene.camera.width, scene.camera.height);
+    let pixels = (0..width * height).map(|pixel| (pixel % width, pixel / width));
+    let limits = VertexLimits { first: 2 * PATHS as usize, later: 2 * PATHS as usize };
+    let pass = Pass { first_sample: PATHS, samples: PATHS };
+    let kept = tracer.path_vertices(pixels, pass, limits, &mut PathScratch::default());
+    let middle = LightCenter { position: center, radius };
+    let mut connections = Vec::new();
+    for vertex in (0..width * height).flat_map(|pixel| kept.pixel(pixel)) {
+        let Some(place) = vertex.place(Some(middle), 0.5) else { continue };
+        let (direction, distance) = (center - place.position).normalize_and_length();
+        if UnpackedVertex::new(vertex).normal().is_none_or(|normal| normal.dot(direction) > 0.0) {
+            connections.push((vertex, place, ShadowTarget { direction, distance, blockers: None }));
+        }
+    }
+    let mut scratch = ConnectScratch::default();
+    let shadow_rays_per_second = rays_per_second(&connections, |(vertex, place, target)| {
+        let vertex = UnpackedVertex::new(vertex);
+        tracer.connect(&vertex, *place, *target, ALL_LOBES, [0.5; 4], &mut scratch) != Vec3::ZERO
+    });
+    let bare_rays_per_second = rays_per_second(&connections, |(_, place, target)| {
+        let ray = Ray::new(place.position, target.direction);
+        let ray = Ray { t_min: 1e-4, t_max: target.distance, kind: RayKind::Shadow, ..ray };
+        tracer.bvh().is_blocked(&ray)
+    });
+    Ok(ShadowRays { scene: name, shadow_rays_per_second, bare_rays_per_second })
 }
 
 struct Reference {
