@@ -7,6 +7,28 @@ pub(crate) enum DeviceImage {
     Gpu(GpuImage),
 }
 
+/// An RGB image wherever it is.
+#[derive(Clone, Copy)]
+pub(crate) enum ImageRef<'a> {
+    Cpu(&'a Image),
+    Gpu(&'a GpuImage),
+}
+
+impl<'a> From<&'a DeviceImage> for ImageRef<'a> {
+    fn from(image: &'a DeviceImage) -> Self {
+        match image {
+            DeviceImage::Cpu(image) => Self::Cpu(image),
+            DeviceImage::Gpu(image) => Self::Gpu(image),
+        }
+    }
+}
+
+impl<'a> From<&'a Image> for ImageRef<'a> {
+    fn from(image: &'a Image) -> Self {
+        Self::Cpu(image)
+    }
+}
+
 impl Default for DeviceImage {
     /// One without pixels.
     fn default() -> Self {
@@ -72,15 +94,6 @@ impl DeviceImage {
     pub fn move_to_cpu(&mut self) -> Result<(), GpuError> {
         if self.on_gpu().is_some() {
             *self = Self::Cpu(self.read()?);
-        }
-        Ok(())
-    }
-
-    /// Adds some times an image of its size that is on the CPU, where both then are.
-    pub fn add(&mut self, other: &Image, factor: f32) -> Result<(), GpuError> {
-        self.move_to_cpu()?;
-        if let Self::Cpu(image) = self {
-            image.add_scaled(other, &[factor; 3]);
         }
         Ok(())
     }

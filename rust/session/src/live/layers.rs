@@ -4,6 +4,7 @@ use super::LiveRequest;
 use super::terms::{LightTerm, TermSource};
 use super::view::{BakeView, shown_statics};
 use super::world::WorldUnit;
+use crate::device::image::ImageRef;
 use crate::error::SessionError;
 use crate::relight::film::Film;
 use crate::relight::frame::{Coarse, FrameImages, WeightedImage, downsampled, weighted_sum};
@@ -59,15 +60,15 @@ impl<'a> FrameLayers<'a> {
             let mut source = UnitSource::gathered(denoised);
             match stand_in {
                 Some(image) => {
-                    layers.images.clean.push(WeightedImage { image, weight });
+                    layers.images.clean.push(WeightedImage { image: (&**image).into(), weight });
                     source = UnitSource::Proxy;
                 }
                 None if unit.gathered.passes == 0 => continue,
                 None if term.source == TermSource::FirstView => {
-                    layers.images.clean.push(WeightedImage { image: &unit.gathered.mean, weight });
+                    layers.images.clean.extend(weighted(unit.gathered.layers(), weight));
                 }
                 None if term.source == TermSource::DirectView => {
-                    layers.images.clean.push(WeightedImage { image: &unit.gathered.mean, weight });
+                    layers.images.clean.extend(weighted(unit.gathered.layers(), weight));
                     layers.samples = layers.samples.min(unit.gathered.samples);
                 }
                 None => layers.add(&unit.gathered, weight, view, quality),
@@ -91,8 +92,8 @@ impl<'a> FrameLayers<'a> {
         for (layer, weight) in view.statics[shown].iter().zip([request.static_light, request.world]) {
             match &layer.clean {
                 _ if layer.black => {}
-                Some(clean) => self.images.clean.push(WeightedImage { image: &clean.image, weight }),
-                None => self.images.noisy.push(WeightedImage { image: &layer.image, weight }),
+                Some(clean) => self.images.clean.push(WeightedImage { image: (&clean.image).into(), weight }),
+                None => self.images.noisy.push(WeightedImage { image: (&layer.image).into(), weight }),
             }
             self.is_best &= layer.is_done(least_quality(view, quality));
         }
@@ -105,11 +106,11 @@ impl<'a> FrameLayers<'a> {
     fn add(&mut self, gathered: &'a Gathered, weight: [f32; 3], view: &BakeView, quality: FrameQuality) {
         match &gathered.clean {
             Some((passes, clean)) if quality.is_drag || *passes == gathered.passes => {
-                self.images.clean.push(WeightedImage { image: &clean.image, weight });
+                self.images.clean.push(WeightedImage { image: (&clean.image).into(), weight });
                 self.is_best &= clean.quality >= least_quality(view, quality);
             }
             _ => {
-                self.images.noisy.push(WeightedImage { image: &gathered.mean, weight });
+                self.images.noisy.extend(weighted(gathered.layers(), weight));
                 self.samples = self.samples.min(gathered.samples);
                 self.is_best = false;
                 self.block = self.block.max(gathered.block());
@@ -134,6 +135,14 @@ impl<'a> FrameLayers<'a> {
     }
 }
 
+/// Images of one weight.
+fn weighted<'a>(
+    images: impl Iterator<Item = ImageRef<'a>>,
+    weight: [f32; 3],
+) -> impl Iterator<Item = WeightedImage<'a>> {
+    images.map(move |image| WeightedImage { image, weight })
+}
+
 /// Least quality of denoising that a frame is content with.
 fn least_quality(view: &BakeView, quality: FrameQuality) -> DenoiseQuality {
     if quality.is_drag { DenoiseQuality::Fast } else { view.quality }
@@ -152,15 +161,13 @@ pub(super) fn noise(
     };
     let summed = terms.iter().zip(stand_ins).filter(is_summed);
     let world = world.filter(|world| !world.is_black()).map(|world| (Some(&world.gathered), request.world));
-    let errors: Option<Vec<WeightedImage>> = summed
+    let errors: Option<Vec<_>> = summed
         .map(|(term, _)| (units.get(&term.light).map(|unit| &unit.gathered), term.light.radiance))
         .chain(world)
-        .map(|(gathered, weight)| {
-            let image = &gathered?.error;
-            (!image.is_empty()).then_some(WeightedImage { image, weight })
-        })
+        .map(|(gathered, weight)| Some(weighted(gathered?.errors()?, weight)))
         .collect();
     let Some(errors) = errors.filter(|errors| !errors.is_empty()) else { return Ok(None) };
+    let errors: Vec<WeightedImage> = errors.into_iter().flatten().collect();
     // Passes are those of all lights, so that errors add up as the lights do.
     let mut noisy = film.top(weighted_sum(&errors, picture.width, picture.height * film.plates())?);
     let colors = picture.data.as_chunks::<4>().0.iter().flat_map(|[rgb @ .., _]| rgb).copied();

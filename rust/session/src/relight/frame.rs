@@ -1,6 +1,6 @@
 //! A frame as weighted images: those without noise are summed, the others are summed and denoised together.
 
-use crate::device::image::DeviceImage;
+use crate::device::image::ImageRef;
 use crate::error::SessionError;
 use crate::relight::denoise::Denoise;
 use crate::relight::film::{CatcherPlace, Film};
@@ -13,7 +13,7 @@ use relume_image::Image;
 /// Image and its weight.
 pub(crate) struct WeightedImage<'a> {
     /// Image of the full size, or of half of it; on the GPU only of the full size.
-    pub image: &'a DeviceImage,
+    pub image: ImageRef<'a>,
     pub weight: [f32; 3],
 }
 
@@ -91,8 +91,8 @@ fn sum_into(sum: &mut Image, images: &[WeightedImage], width: usize, height: usi
     let (mut on_cpu, mut on_gpu) = (Vec::new(), Vec::new());
     for WeightedImage { image, weight } in images {
         match image {
-            DeviceImage::Cpu(image) => on_cpu.push((image, weight)),
-            DeviceImage::Gpu(image) => on_gpu.push((image, *weight)),
+            ImageRef::Cpu(image) => on_cpu.push((*image, weight)),
+            ImageRef::Gpu(image) => on_gpu.push((*image, *weight)),
         }
     }
     if sum.data.len() != width * height * 3 {
@@ -174,6 +174,7 @@ pub(crate) fn downsampled(image: &Image) -> Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::image::DeviceImage;
 
     #[test]
     fn layers_of_both_sizes_add_up() {
@@ -187,8 +188,8 @@ mod tests {
         let before = || [Image::default(), Image { data: vec![f32::NAN; 2 * 3], ..Image::new(3, 2, 1) }];
         for (full, mut sum) in [&here, &there].into_iter().flat_map(|full| before().map(|sum| (full, sum))) {
             let layers = [
-                WeightedImage { image: full, weight: [1.0, 2.0, 0.0] },
-                WeightedImage { image: &half, weight: [0.0, 0.0, 5.0] },
+                WeightedImage { image: full.into(), weight: [1.0, 2.0, 0.0] },
+                WeightedImage { image: (&half).into(), weight: [0.0, 0.0, 5.0] },
             ];
             sum_into(&mut sum, &layers, 2, 1).unwrap();
             assert_eq!((sum.width, sum.height, sum.channels), (2, 1, 3));

@@ -1,6 +1,6 @@
 use crate::device::connections::ConnectedImage;
 use crate::device::gather::UnitParts;
-use crate::device::image::DeviceImage;
+use crate::device::image::{DeviceImage, ImageRef};
 use crate::error::SessionError;
 use crate::relight::denoise::Denoise;
 use relume_gather::{DenoiseQuality, Stop};
@@ -15,23 +15,23 @@ pub(crate) struct Clean {
 }
 
 impl Clean {
-    /// Denoises a picture, beside which the result is kept. None if `stop` ended it.
+    /// Denoises a picture; the result is kept where `beside` is. None if `stop` ended it.
     pub fn of(
-        noisy: &DeviceImage,
+        mut noisy: Image,
+        beside: &DeviceImage,
         denoise: &Denoise,
         quality: DenoiseQuality,
         stop: Option<&Stop<'_>>,
     ) -> Result<Option<Self>, SessionError> {
-        let mut image = noisy.read()?;
-        let done = denoise.images_until(std::slice::from_mut(&mut image), quality, stop)?;
-        Ok(done.then(|| Self { image: DeviceImage::on_device_of(noisy, image), quality }))
+        let done = denoise.images_until(std::slice::from_mut(&mut noisy), quality, stop)?;
+        Ok(done.then(|| Self { image: DeviceImage::on_device_of(beside, noisy), quality }))
     }
 }
 
 /// Picture summed over the paths, one pass after the other.
 #[derive(Default)]
 pub(crate) struct Gathered {
-    /// Mean over the paths of `passes`.
+    /// Mean over the paths of `passes`, without connected light.
     pub mean: DeviceImage,
     pub passes: usize,
     pub samples: u32,
@@ -39,18 +39,15 @@ pub(crate) struct Gathered {
     pub error: DeviceImage,
     /// Number of passes that were denoised, and their denoised mean.
     pub clean: Option<(usize, Clean)>,
-    /// Connected light that is part of `mean`.
+    /// Connected light, which is added to `mean`.
     pub connected: Option<Arc<ConnectedImage>>,
 }
 
 impl Gathered {
-    /// Adds the mean of one more pass. Its connected light, of more paths, takes the place of that before.
+    /// Adds the mean of one more pass. Its connected light, which is of as many paths or more, takes the place of that before.
     pub fn add(&mut self, parts: UnitParts, samples: u32) -> Result<(), GpuError> {
         let UnitParts { crossed: mut image, connected } = parts;
-        let before = std::mem::replace(&mut self.connected, connected);
-        if let Some(in_mean) = before.as_ref().or(self.connected.as_ref()) {
-            image.add(&in_mean.image, 1.0)?;
-        }
+        self.connected = connected;
         let all = self.samples + samples;
         if self.passes == 0 {
             self.mean = image;
@@ -61,11 +58,32 @@ impl Gathered {
             let scale = (share * (1.0 - share)).sqrt();
             self.mean.take_in(&mut image, share, scale)?;
             self.error = image;
-            self.renew_connected(before)?;
         }
         self.passes += 1;
         self.samples = all;
         Ok(())
+    }
+
+    /// Images that add up to the noisy picture.
+    pub fn layers(&self) -> impl Iterator<Item = ImageRef<'_>> {
+        let connected = self.connected.as_deref().map(|connected| (&connected.image).into());
+        std::iter::once((&self.mean).into()).chain(connected)
+    }
+
+    /// Images that add up to a draw of the picture's error; none for a single pass.
+    pub fn errors(&self) -> Option<impl Iterator<Item = ImageRef<'_>>> {
+        let connected = self.connected.as_deref().map(|connected| &connected.error);
+        let connected = connected.filter(|error| !error.data.is_empty()).map(ImageRef::from);
+        (!self.error.is_empty()).then(|| std::iter::once((&self.error).into()).chain(connected))
+    }
+
+    /// Copy of the noisy picture.
+    pub fn noisy(&self) -> Result<Image, GpuError> {
+        let mut image = self.mean.read()?;
+        if let Some(connected) = &self.connected {
+            image.add_scaled(&connected.image, &[1.0; 3]);
+        }
+        Ok(image)
     }
 
     /// Number of levels of its connected light; none if there is no such light.
@@ -79,39 +97,20 @@ impl Gathered {
     }
 
     /// Takes connected light of more levels. What was denoised is of fewer paths then.
-    pub fn take_connected(&mut self, connected: Arc<ConnectedImage>) -> Result<(), GpuError> {
-        let before = self.connected.replace(connected);
-        if let Some(before) =
-            before.as_ref().filter(|before| !before.error.data.is_empty() && !self.error.is_empty())
-        {
-            self.error.add(&before.error, -1.0)?;
-        }
-        self.renew_connected(before)?;
+    pub fn take_connected(&mut self, connected: Arc<ConnectedImage>) {
+        self.connected = Some(connected);
         self.clean.iter_mut().for_each(|(passes, _)| *passes = 0);
-        Ok(())
     }
 
-    /// Puts new connected light in the place of that before, and its error into that of all.
-    fn renew_connected(&mut self, before: Option<Arc<ConnectedImage>>) -> Result<(), GpuError> {
-        let (Some(now), Some(before)) = (&self.connected, before) else { return Ok(()) };
-        if !Arc::ptr_eq(now, &before) {
-            self.mean.add(&before.image, -1.0)?;
-            self.mean.add(&now.image, 1.0)?;
-        }
-        if !now.error.data.is_empty() && !self.error.is_empty() {
-            self.error.add(&now.error, 1.0)?;
-        }
-        Ok(())
-    }
-
-    /// Denoises the mean; false if `stop` ended it.
+    /// Denoises the picture; false if `stop` ended it.
     pub fn denoise(
         &mut self,
         denoise: &Denoise,
         quality: DenoiseQuality,
         stop: Option<&Stop<'_>>,
     ) -> Result<bool, SessionError> {
-        let Some(clean) = Clean::of(&self.mean, denoise, quality, stop)? else { return Ok(false) };
+        let clean = Clean::of(self.noisy()?, &self.mean, denoise, quality, stop)?;
+        let Some(clean) = clean else { return Ok(false) };
         self.clean = Some((self.passes, clean));
         Ok(true)
     }
@@ -122,7 +121,7 @@ impl Gathered {
             self.denoise(denoise, DenoiseQuality::High, None)?;
         }
         let clean = self.newest_clean(DenoiseQuality::High).filter(|_| denoise.is_some());
-        Ok(clean.unwrap_or(&self.mean).read()?)
+        Ok(clean.map_or_else(|| self.noisy(), DeviceImage::read)?)
     }
 
     /// Keeps the denoised picture alone, once nothing is added any more.
@@ -164,5 +163,54 @@ impl Gathered {
     /// GPU that holds some of it.
     pub fn gpu(&self) -> Option<&Gpu> {
         self.images().find_map(DeviceImage::on_gpu).map(|image| &**image.gpu())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::relight::frame::{WeightedImage, weighted_sum};
+    use relume_gpu::{GpuChoice, GpuImage};
+
+    fn flat(value: f32) -> Image {
+        Image { data: vec![value; 2 * 3], ..Image::new(2, 1, 3) }
+    }
+
+    fn value(image: &Image) -> f32 {
+        assert!(image.data.iter().all(|value| *value == image.data[0]));
+        image.data[0]
+    }
+
+    #[test]
+    fn connected_light_is_added_to_a_mean_that_stays_on_the_gpu() {
+        let gpu = Gpu::open(&GpuChoice::Best).expect("tests need a GPU");
+        let pass = |crossed: f32, connected: ConnectedImage| UnitParts {
+            crossed: DeviceImage::Gpu(GpuImage::of(&gpu, 2, 1, &flat(crossed).data).unwrap()),
+            connected: Some(Arc::new(connected)),
+        };
+        let connected = |levels: usize, value: f32, error: Image| ConnectedImage {
+            levels,
+            block: 1,
+            paths: 4,
+            image: flat(value),
+            error,
+        };
+        let summed = |images: Vec<ImageRef>| {
+            let weighted = |image| WeightedImage { image, weight: [1.0; 3] };
+            let images: Vec<WeightedImage> = images.into_iter().map(weighted).collect();
+            value(&weighted_sum(&images, 2, 1).unwrap())
+        };
+        let mut gathered = Gathered::default();
+        gathered.add(pass(1.0, connected(1, 8.0, Image::default())), 4).unwrap();
+        assert!(gathered.gpu().is_some() && gathered.errors().is_none());
+        assert_eq!((value(&gathered.noisy().unwrap()), summed(gathered.layers().collect())), (9.0, 9.0));
+        gathered.add(pass(3.0, connected(2, 16.0, flat(32.0))), 4).unwrap();
+        assert_eq!((value(&gathered.noisy().unwrap()), summed(gathered.layers().collect())), (18.0, 18.0));
+        // Half of the difference of two passes of as many paths.
+        assert_eq!(summed(gathered.errors().unwrap().collect()), 1.0 + 32.0);
+        gathered.take_connected(Arc::new(connected(3, 0.0, flat(-1.0))));
+        assert_eq!((value(&gathered.noisy().unwrap()), gathered.connected_levels()), (2.0, Some(3)));
+        assert_eq!(summed(gathered.errors().unwrap().collect()), 0.0);
+        assert!(gathered.gpu().is_some());
     }
 }

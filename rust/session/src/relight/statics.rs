@@ -38,7 +38,8 @@ impl StaticLayer {
         stop: Option<&Stop<'_>>,
     ) -> Result<bool, SessionError> {
         if !self.is_done(quality) {
-            let Some(clean) = Clean::of(&self.image, denoise, quality, stop)? else { return Ok(false) };
+            let clean = Clean::of(self.image.read()?, &self.image, denoise, quality, stop)?;
+            let Some(clean) = clean else { return Ok(false) };
             self.clean = Some(clean);
         }
         Ok(true)

@@ -49,12 +49,14 @@ impl UnitCache {
     /// Finished unit image of a light by one source, if it is known.
     pub fn finished(&mut self, light: &Light, source: UnitSource) -> Result<Option<Image>, GpuError> {
         let Some(unit) = self.0.get_used(light) else { return Ok(None) };
-        let image = match source {
-            UnitSource::Proxy => unit.proxy.as_deref(),
-            UnitSource::Gather => Some(&unit.gathered.mean).filter(|mean| !mean.is_empty()),
-            UnitSource::GatherDenoised => unit.gathered.newest_clean(DenoiseQuality::High),
-        };
-        image.map(DeviceImage::read).transpose()
+        let gathered = &unit.gathered;
+        match source {
+            UnitSource::Proxy => unit.proxy.as_deref().map(DeviceImage::read).transpose(),
+            UnitSource::Gather => (!gathered.mean.is_empty()).then(|| gathered.noisy()).transpose(),
+            UnitSource::GatherDenoised => {
+                gathered.newest_clean(DenoiseQuality::High).map(DeviceImage::read).transpose()
+            }
+        }
     }
 
     /// True if at least one pass of each light was gathered.
@@ -113,11 +115,8 @@ impl UnitCache {
         let group: Vec<Light> = lights.iter().filter(is_behind).take(GROUP).cloned().collect();
         for (number, connected) in connect(&group, fewest + 1)? {
             let gathered = &mut self.of(&group[number]).gathered;
-            if gathered.connected_levels() == Some(fewest)
-                && let Err(error) = gathered.take_connected(connected)
-            {
-                self.0.remove(&group[number]);
-                return Err(error.into());
+            if gathered.connected_levels() == Some(fewest) {
+                gathered.take_connected(connected);
             }
         }
         Ok(true)

@@ -8,7 +8,7 @@ pub(crate) struct ConnectedImage {
     /// Side of the blocks of pixels that have one value.
     pub block: usize,
     /// Paths per pixel behind it.
-    pub(super) paths: u32,
+    pub paths: u32,
     pub image: Image,
     /// Draw of its error; empty for a single level.
     pub error: Image,
